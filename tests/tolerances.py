@@ -27,6 +27,8 @@ LEVEL_8BIT = 1.0 / 255.0
 # Colours converted by two colour managements, which round curves and matrices in their own ways, of which one gives
 # 8 bits. A profile that isn't applied is off by more than ten levels.
 CONVERTED_COLOUR = 1.0 / 255.0
+# Smooth colours after HEVC's or AV1's best quality, whose YCbCr of 8 bits costs a level and a half.
+COMPRESSED_COLOUR = 3.0 / 255.0
 # Mean reprojection error of a structure from motion model before and after undistortion, but for the enlargement:
 # distortion stretches it by its derivative.
 REPROJECTION_STRETCH = 2e-2

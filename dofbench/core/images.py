@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from dofbench.core.camera_files import camera_coding, camera_size, is_camera_file, read_stored_camera
 from dofbench.core.coding import Coding, coding_of
 from dofbench.core.colour import to_srgb
 from dofbench.core.errors import InputError
@@ -45,6 +46,11 @@ def image_size(path: Path) -> tuple[int, int]:
     Raises InputError for what is no image file, and for one that claims more than 250 megapixels or 10^9 values, or
     more than its bytes can hold.
     """
+    if is_camera_file(path):
+        check_file(path, "an image file")
+        width, height = camera_size(path)
+        check_pixels(path, width, height, 4)
+        return width, height
     import OpenImageIO as oiio
 
     check_file(path, "an image file")
@@ -79,9 +85,18 @@ def read_image(path: Path) -> np.ndarray:
     return read_coded(path)[0]
 
 
+def image_coding(path: Path) -> Coding:
+    """How an image file stands for colours, from its header. Raises InputError as `coding_of`."""
+    check_file(path, "an image file")
+    return camera_coding(path) if is_camera_file(path) else coding_of(path)
+
+
 def read_coded(path: Path) -> tuple[np.ndarray, Coding]:
     """What `read_image` reads, and how the file has it: `coding.linear` says whether it is light."""
     image_size(path)
+    if is_camera_file(path):
+        coding = camera_coding(path)
+        return to_srgb(read_stored_camera(path), coding, path), coding
     coding = coding_of(path)
     if coding.inks:
         return _read_inks(path, coding.profile), coding

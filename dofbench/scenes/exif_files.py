@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from dofbench.core.camera_files import camera_tags, is_camera_file
 from dofbench.core.errors import InputError
 from dofbench.core.exif import EXIF_FILE, LEAST, MOST, Exif, read_exif
 from dofbench.core.readable import read_text
@@ -72,14 +73,7 @@ def exif_by_file(root: Path, files: Mapping[str, Path]) -> dict[str, Exif]:
 
 def exif_of_image(file: Path) -> Exif:
     """What stands in an image file's own EXIF. What is missing there or impossible is None; nothing is raised."""
-    import OpenImageIO as oiio
-
-    opened = oiio.ImageInput.open(str(file))
-    if opened is None:
-        oiio.geterror()  # else it is kept, and printed when the program ends
-        return Exif()
-    tags = {attribute.name: attribute.value for attribute in opened.spec().extra_attribs}
-    opened.close()
+    tags = camera_tags(file) if is_camera_file(file) else _tags_of_image(file)
     values = {name: next((tags[tag] for tag in names if tag in tags), None) for name, names in _TAGS.items()}
     known: dict[str, Any] = {
         name: _text(value) if name in _TEXTS else _positive(value) for name, value in values.items() if name != "time"
@@ -90,6 +84,18 @@ def exif_of_image(file: Path) -> Exif:
         time=_time(values["time"]),
         camera=_camera(_text(tags.get("Make")), _text(tags.get("Model"))),
     )
+
+
+def _tags_of_image(file: Path) -> dict[str, Any]:
+    import OpenImageIO as oiio
+
+    opened = oiio.ImageInput.open(str(file))
+    if opened is None:
+        oiio.geterror()  # else it is kept, and printed when the program ends
+        return {}
+    tags = {attribute.name: attribute.value for attribute in opened.spec().extra_attribs}
+    opened.close()
+    return tags
 
 
 def read_exif_csv(file: Path) -> dict[str, Exif]:

@@ -8,12 +8,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+from dofbench.core.camera_files import CAMERA_SUFFIXES, is_camera_file
 from dofbench.core.errors import InputError
 from dofbench.core.images import image_size
 from dofbench.core.readable import check_file
 from dofbench.scenes.name_match import ImageNames
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".exr")
+_PLAIN_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".exr", ".hdr")
+IMAGE_SUFFIXES = (*_PLAIN_SUFFIXES, *CAMERA_SUFFIXES)
+_TEXT_SUFFIXES = (".csv", ".json", ".md", ".txt", ".xml", ".xmp", ".toml", ".yaml")
 _HOLD = re.compile(r"hold ?= ?(\d+)")
 _FACTOR = re.compile(r"_\d+$")
 _SEVERAL = 3
@@ -38,9 +41,11 @@ def listed(names: Iterable[str]) -> str:
 
 
 def image_files(folder: Path) -> list[Path]:
-    """Image files under `folder`, with sub-folders, sorted by relative path; hidden ones are left out.
+    """Image files under `folder`, with sub-folders, sorted by relative path; hidden ones are excluded.
 
-    Raises InputError for one that is no regular file: a FIFO, a socket, a link to nothing.
+    Of one photograph that lies there both as the camera stored it (HEIC, AVIF, raw) and in a plain format, by the same
+    name but for the suffix, the plain one. Raises InputError for one that is no regular file: a FIFO, a socket, a link
+    to nothing.
     """
     found = []
     for parent, folders, names in os.walk(folder):
@@ -48,7 +53,19 @@ def image_files(folder: Path) -> list[Path]:
         found += [Path(parent, name) for name in names if _is_image(name)]
     for path in found:
         check_file(path, "an image file")
+    plain = {path.with_suffix("") for path in found if not is_camera_file(path)}
+    found = [path for path in found if not (is_camera_file(path) and path.with_suffix("") in plain)]
     return sorted(found, key=lambda path: path.relative_to(folder).as_posix())
+
+
+def other_files(folder: Path) -> list[Path]:
+    """Files under `folder`, with sub-folders, that `image_files` passes over; without hidden ones and without text."""
+    taken = set(image_files(folder))
+    found = []
+    for parent, folders, names in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        found += [Path(parent, name) for name in names if not name.startswith(".")]
+    return sorted(path for path in found if path not in taken and path.suffix.lower() not in _TEXT_SUFFIXES)
 
 
 def image_folders(root: Path, base: str = "images") -> dict[int, Path]:

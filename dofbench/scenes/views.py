@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from dofbench.core.cameras import Offset
-from dofbench.core.coding import Coding, coding_of
+from dofbench.core.coding import Coding
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
-from dofbench.core.images import image_size, resize
+from dofbench.core.images import image_coding, image_size, resize
 from dofbench.core.masks import filled
 from dofbench.scenes.depth_files import read_depth
 from dofbench.scenes.exif_files import exif_by_file
@@ -123,7 +123,7 @@ def assemble(
     if not frames:
         raise InputError(subject, "no views", "at least one")
     names = view_names([frame.name for frame in frames])
-    codings = {name: coding_of(frame.file) for frame, name in zip(frames, names, strict=True)}
+    codings = {name: image_coding(frame.file) for frame, name in zip(frames, names, strict=True)}
     views = [_view(frame, name, codings[name], width, subject) for frame, name in zip(frames, names, strict=True)]
     exif = exif_by_file(root, {view.name: view.source for view in views})
     views = [replace(view, exif=exif.get(view.name)) for view in views]

@@ -116,8 +116,7 @@ def blurred_again(
     finally:
         torch.set_num_threads(threads)
     window = blurred[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
-    linear = window if noise is None else sensor.expose(window, noise)
-    return encode(linear, blur.gamma)
+    return encode(window if noise is None else sensor.expose(window, noise), blur.gamma)
 
 
 def _check_files(folder: Path, manifest: Manifest) -> list[str]:

@@ -20,6 +20,7 @@ from dofbench.scenes.reconstruction.focal_length import focal_length, group_by_c
 from dofbench.scenes.reconstruction.pairs import choose, exhaustive, look_alikes, sequential, signatures
 from dofbench.scenes.reconstruction.photograph_list import Photograph, Prepared, Upright, prepare, turned
 from dofbench.scenes.reconstruction.video import sharpest_frames
+from dofbench.scenes.reconstruction.video_colour import check_colours
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
@@ -171,3 +172,67 @@ def test_a_photograph_without_features_looks_like_no_other() -> None:
     assert not signatures([empty, empty], seed=0).any()
     full = np.random.default_rng(0).integers(0, 256, (50, 128)).astype(np.uint8)
     assert not signatures([full, empty, full], seed=0)[1].any()
+
+
+def with_colour_box(video: Path, codes: tuple[int, int, int]) -> None:
+    """Add a `colr` box to the picture's entry of an MP4 whose `moov` comes last, as the encoder's does."""
+    content = bytearray(video.read_bytes())
+    box = b"\0\0\0\x13colrnclx" + b"".join(code.to_bytes(2, "big") for code in codes) + b"\0"
+    entry = content.rfind(b"mp4v", 0, content.rfind(b"esds")) - 4
+    assert content.rfind(b"moov") > content.rfind(b"mdat")
+    for kind in (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd"):
+        at = content.rfind(kind, 0, entry) - 4
+        content[at : at + 4] = (int.from_bytes(content[at : at + 4], "big") + len(box)).to_bytes(4, "big")
+    size = int.from_bytes(content[entry : entry + 4], "big")
+    content[entry + size : entry + size] = box
+    content[entry : entry + 4] = (size + len(box)).to_bytes(4, "big")
+    video.write_bytes(content)
+
+
+@pytest.mark.parametrize(
+    "codes, said",
+    [
+        ((1, 1, 1), ""),
+        ((6, 6, 6), ""),
+        ((9, 18, 9), "BT.2020 with HLG"),
+        ((9, 16, 9), "PQ"),
+        ((12, 1, 1), "Display P3"),
+    ],
+)
+def test_a_video_says_its_colours(
+    tmp_path: Path, frames: list, capsys: pytest.CaptureFixture[str], codes: tuple[int, int, int], said: str
+) -> None:
+    video = write_video(tmp_path / "a.mp4", frames)
+    check_colours(video)
+    with_colour_box(video, codes)
+    assert cv2.VideoCapture(str(video)).read()[0], "still a video"
+    if not said:
+        check_colours(video)
+        return
+    assert cli.main(["reconstruct", str(video), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert said in error and "ffmpeg" in error and error.count("\n") == 1
+
+
+def test_a_matroska_video_says_its_colours(tmp_path: Path) -> None:
+    def element(kind: bytes, content: bytes) -> bytes:
+        return kind + (0x4000 | len(content)).to_bytes(2, "big") + content
+
+    def video(primaries: int, curve: int) -> Path:
+        colour = element(b"\x55\xb0", element(b"\x55\xbb", bytes([primaries])) + element(b"\x55\xba", bytes([curve])))
+        tracks = element(b"\x16\x54\xae\x6b", element(b"\xae", element(b"\xe0", element(b"\xb0", b"\x40") + colour)))
+        head = element(b"\x1a\x45\xdf\xa3", element(b"\x42\x82", b"matroska"))
+        # A segment of unknown size, as recorders write it that can't go back.
+        path = tmp_path / "a.mkv"
+        path.write_bytes(head + b"\x18\x53\x80\x67\x01" + b"\xff" * 7 + element(b"\xec", bytes(9)) + tracks)
+        return path
+
+    check_colours(video(1, 1))
+    for codes in ((9, 18), (9, 1), (1, 16)):
+        with pytest.raises(InputError, match="a.mkv"):
+            check_colours(video(*codes))
+    for damaged in (b"", b"\x1a\x45", bytes(100), b"\xff" * 100):
+        (tmp_path / "b.mkv").write_bytes(damaged)
+        check_colours(tmp_path / "b.mkv")
+        (tmp_path / "b.mp4").write_bytes(damaged)
+        check_colours(tmp_path / "b.mp4")

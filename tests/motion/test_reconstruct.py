@@ -28,11 +28,13 @@ from dofbench import cli
 from dofbench.core.cameras import NO_OFFSET, Offset
 from dofbench.core.content import content_folder
 from dofbench.core.exif import Exif
-from dofbench.core.images import write_png
+from dofbench.core.images import read_image, write_exr, write_png
+from dofbench.core.progress import Silent
 from dofbench.scenes import Scene, export, load_scene
 from dofbench.scenes.reconstruction.interruptible import wait
 from dofbench.scenes.reconstruction.photograph_source import find_source
 from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
+from dofbench.scenes.reconstruction.reconstructing import run
 
 
 def result_files(folder: Path) -> dict[str, bytes]:
@@ -279,3 +281,18 @@ def test_waiting_raises_what_the_call_raised_and_looks_meanwhile() -> None:
     assert looks
     with pytest.raises(ZeroDivisionError):
         wait(lambda: 1 / 0)
+
+
+def test_photographs_of_light_become_a_scene_of_light(photographs: Path, tmp_path: Path) -> None:
+    source = tmp_path / "light"
+    for file in photographs.glob("*.png"):
+        light = read_image(file) ** 2.2
+        write_exr(source / f"{file.stem}.exr", np.where(light > 0.8, light * 8, light))
+    said: list[str] = []
+    outcome = run(Reconstruct(source, tmp_path / "out"), Silent(), say=said.append)
+    assert outcome.folder is not None and any("linear light" in line for line in said)
+    views = load_scene(outcome.folder).views
+    assert len(views) == 6 and all(view.linear is not None for view in views)
+    assert max(view.linear().max() for view in views if view.linear is not None) > 4
+    assert max(view.image().max() for view in views) <= 1
+    assert "linear light" in json.loads((outcome.folder / "reconstruct.json").read_text())["notes"][0]

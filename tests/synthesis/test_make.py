@@ -7,6 +7,7 @@ from datetime import datetime
 from functools import partial
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 import torch
 from tolerances import FLOAT16_VALUE, FLOAT32_VALUE, FLOAT64_VALUE, LEVEL_8BIT, POSE_ROUND_TRIP, RECOMPUTED_PSNR
@@ -283,7 +284,10 @@ def test_an_image_must_be_encoded(write_scene, tmp_path):
     root = write_scene(tmp_path / "bright")
     image = read_image(root / "images/v02.png") * 4
     (root / "images/v02.png").unlink()
-    write_exr(root / "images/v02.exr", image)
+    spec = oiio.ImageSpec(image.shape[1], image.shape[0], 3, "float")
+    spec.attribute("oiio:ColorSpace", "sRGB")  # else it would be linear light, of which 4 is a possible value
+    output = oiio.ImageOutput.create(str(root / "images/v02.exr"))
+    assert output.open(str(root / "images/v02.exr"), spec) and output.write_image(image) and output.close()
     text = (root / "transforms.json").read_text()
     (root / "transforms.json").write_text(text.replace("images/v02.png", "images/v02.exr"))
     with pytest.raises(InputError, match="encoded image"):

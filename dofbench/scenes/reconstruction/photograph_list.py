@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from dofbench.core.camera_files import is_camera_file, missing_package
 from dofbench.core.cameras import Camera
+from dofbench.core.coding import Coding
 from dofbench.core.errors import InputError
 from dofbench.core.exif import Exif
 from dofbench.core.files import sha256_file
-from dofbench.core.images import image_size, read_image, resize, write_png
+from dofbench.core.images import image_coding, image_size, read_exr, read_image, resize, write_exr, write_png
 from dofbench.scenes.exif_files import exif_by_file
-from dofbench.scenes.folders import IMAGE_SUFFIXES, choose_folder, image_files, image_folders, view_names
+from dofbench.scenes.folders import IMAGE_SUFFIXES, choose_folder, image_files, image_folders, other_files, view_names
+from dofbench.scenes.light import coding_notes, for_display, read_values
 from dofbench.scenes.scene import Split
 
 LEAST = 3
+_LIGHT = "light"
 
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
     """One photograph. name: of its view. source: its file. read: gives it upright, (H, W, 3) float32, encoded.
 
-    camera, split: where its pose is known already; the camera is at the size that `read` gives.
+    camera, split: where its pose is known already; the camera is at the size that `read` gives. light: gives it as
+    linear light, where the file is that.
     """
 
     name: str
@@ -33,6 +39,7 @@ class Photograph:
     exif: Exif | None = None
     camera: Camera | None = None
     split: Split | None = None
+    light: Callable[[], np.ndarray] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +47,8 @@ class Prepared:
     """A photograph as the stages after see it: an 8-bit PNG of the longer side asked for or less.
 
     file_name: in the folder of photographs, a number in their order. width, height: its pixels. sharpness: variance of
-    its Laplacian, 8-bit levels squared, which only says something beside the others'.
+    its Laplacian, 8-bit levels squared, which only says something beside the others'. light: the same picture as linear
+    light, an EXR; None where the photograph is encoded.
     """
 
     name: str
@@ -51,13 +59,23 @@ class Prepared:
     exif: Exif | None
     camera: Camera | None = None
     split: Split | None = None
+    light: Path | None = None
 
 
-def find_photographs(source: Path, images: str | None) -> list[Photograph]:
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The photographs of a folder, and notes on what was converted or skipped."""
+
+    photographs: list[Photograph]
+    notes: tuple[str, ...]
+
+
+def find_photographs(source: Path, images: str | None) -> Found:
     """The photographs in a folder, by name; with sub-folders.
 
     images: the folder within `source`. Without it, where there are `images`, `images_4` and the like: the one with the
-    largest photographs; else the source itself. Raises InputError for no photographs, and for fewer than three.
+    largest photographs; else the source itself. Raises InputError for no photographs, for fewer than three, and for
+    those that a package which isn't installed would read.
     """
     folder = source
     if images is not None or image_folders(source):
@@ -66,23 +84,92 @@ def find_photographs(source: Path, images: str | None) -> list[Photograph]:
     if len(files) < LEAST:
         found = f"{len(files)} photographs" if len(files) != 1 else "one photograph"
         raise InputError(folder, found, f"at least {LEAST} ({', '.join(IMAGE_SUFFIXES)}), taken from different places")
+    _require_packages(folder, files)
     names = view_names([file.relative_to(folder).as_posix() for file in files])
     exif = exif_by_file(source, dict(zip(names, files, strict=True)))
-    return [Photograph(name, file, Upright(file), exif.get(name)) for name, file in zip(names, files, strict=True)]
+    codings = _codings(folder, dict(zip(names, files, strict=True)))
+    photographs = []
+    for name, file in zip(names, files, strict=True):
+        read = Upright(file, codings[name].linear)
+        light = read.light if read.linear else None
+        photographs.append(Photograph(name, file, read, exif.get(name), light=light))
+    return Found(photographs, (*coding_notes(codings), *_skipped(folder)))
+
+
+def _codings(folder: Path, files: Mapping[str, Path]) -> dict[str, Coding]:
+    """The coding of each photograph, by name. Raises one InputError for all that can't be read."""
+    found, errors = {}, []
+    for name, file in files.items():
+        try:
+            found[name] = image_coding(file)
+        except InputError as error:
+            errors.append(error)
+    if len(errors) > 1:
+        first = f"{errors[0].subject}: {errors[0].found}"
+        raise InputError(
+            folder, f"{len(errors)} of {len(files)} photographs can't be read ({first})", errors[0].expected
+        )
+    if errors:
+        raise errors[0]
+    return found
+
+
+def _require_packages(folder: Path, files: Sequence[Path]) -> None:
+    unread: dict[str, list[Path]] = {}
+    for file in files:
+        if is_camera_file(file) and (package := missing_package(file)):
+            unread.setdefault(package, []).append(file)
+    for package, those in unread.items():
+        kinds = ", ".join(sorted({file.suffix for file in those}))
+        found = f"{len(those)} of {len(files)} photographs are {kinds}, for which {package} isn't installed"
+        raise InputError(folder, found, "pip install 'dofbench[photographs]'; or photographs as JPEG or PNG")
+
+
+def _skipped(folder: Path) -> list[str]:
+    """A note on the files in the folder that are no photographs, or second copies of one."""
+    others = other_files(folder)
+    copies = Counter(file.suffix for file in others if is_camera_file(file))
+    rest = Counter(file.suffix or "without suffix" for file in others if not is_camera_file(file))
+    notes = []
+    if copies:
+        notes.append(f"skipped {_counted(copies)}: the same photographs are there in another format")
+    if rest:
+        notes.append(f"skipped {_counted(rest)}: not read as photographs")
+    return notes
+
+
+def _counted(suffixes: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {suffix}" for suffix, count in sorted(suffixes.items()))
 
 
 @dataclass(frozen=True)
 class Upright:
-    """Reads a photograph and turns it the way that EXIF's orientation says: (H, W, 3) float32, encoded."""
+    """Reads a photograph and turns it the way that EXIF's orientation says: (H, W, 3) float32, encoded.
+
+    linear: the file holds linear light, which `light` gives; encoded it is clipped at 1.
+    """
 
     file: Path
+    linear: bool = False
 
     def __call__(self) -> np.ndarray:
-        return turned(read_image(self.file), orientation(self.file))
+        return for_display(self.light()) if self.linear else self._values()
+
+    def light(self) -> np.ndarray:
+        """Linear light, (H, W, 3) float32, not clipped. Raises ValueError for an encoded photograph."""
+        if not self.linear:
+            raise ValueError(f"{self.file}: expected linear light, found an encoded image")
+        return self._values()
+
+    def _values(self) -> np.ndarray:
+        return turned(read_values(self.file, linear=self.linear), orientation(self.file))
 
 
 def orientation(file: Path) -> int:
-    """EXIF's orientation of an image file, 1 to 8; 1, upright, where none is written."""
+    """EXIF's orientation of an image file, 1 to 8; 1, upright, where none is written, and for files that come upright
+    (HEIC, AVIF, raw)."""
+    if is_camera_file(file):
+        return 1
     import OpenImageIO as oiio
 
     opened = oiio.ImageInput.open(str(file))
@@ -116,17 +203,21 @@ def prepare(
 ) -> list[Prepared]:
     """Write every photograph as `folder/NUMBER.png`, at most `size` pixels on its longer side; what is there is kept.
 
-    advance: called with the number done. Raises InputError for a photograph that can't be read.
+    One of linear light is written beside that folder too, as light/NUMBER.exr, half floats. advance: called with the
+    number done. Raises InputError for a photograph that can't be read.
     """
     prepared = []
     for index, photograph in enumerate(photographs):
         # COLMAP's list of pairs parts names by spaces, and a name may have one; a number hasn't.
         path = folder / f"{index:06d}.png"
-        if not path.is_file():
-            image = photograph.read()
-            height, width = image.shape[:2]
-            share = min(1.0, size / max(width, height))
-            write_png(path, resize(image, max(1, round(width * share)), max(1, round(height * share))))
+        light = None if photograph.light is None else folder.parent / _LIGHT / f"{index:06d}.exr"
+        if photograph.light is not None and light is not None:
+            if not light.is_file():
+                write_exr(light, _shrunk(photograph.light(), size), half=True)
+            if not path.is_file():
+                write_png(path, for_display(read_exr(light)))
+        elif not path.is_file():
+            write_png(path, _shrunk(photograph.read(), size))
         image = read_image(path)
         height, width = image.shape[:2]
         if min(width, height) < 16:
@@ -142,10 +233,17 @@ def prepare(
                 photograph.exif,
                 None if camera is None else camera.resized(width, height),
                 photograph.split,
+                light,
             )
         )
         advance(index + 1)
     return prepared
+
+
+def _shrunk(image: np.ndarray, size: int) -> np.ndarray:
+    height, width = image.shape[:2]
+    share = min(1.0, size / max(width, height))
+    return resize(image, max(1, round(width * share)), max(1, round(height * share)))
 
 
 def sharpness(image: np.ndarray) -> float:

@@ -15,6 +15,7 @@ from dofbench.scenes.loading import detect, load_scene, print_notes
 from dofbench.scenes.reconstruction import video
 from dofbench.scenes.reconstruction.photograph_list import LEAST, Photograph, digests, find_photographs, upright_size
 from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
+from dofbench.scenes.reconstruction.video_colour import check_colours
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.views import DEFAULT_HOLD
 
@@ -28,7 +29,7 @@ class Source:
     upright. digests: gives the sha256 of every file, by name. photographs: given a folder for frames, and told of
     progress, the photographs. count: of the items that progress counts; 0 where nothing needs doing. holds_split:
     whether the views' split is another than every eighth view's. poses: digest of cameras, split and offset, where the
-    poses are known; empty else. offset: of the scene."""
+    poses are known; empty else. offset: of the scene. notes: what was converted or skipped, a sentence each."""
 
     kind: Kind
     name: str
@@ -40,6 +41,7 @@ class Source:
     holds_split: bool = False
     poses: str = ""
     offset: Offset = NO_OFFSET
+    notes: tuple[str, ...] = ()
 
 
 def find_source(settings: Reconstruct) -> Source:
@@ -55,7 +57,8 @@ def find_source(settings: Reconstruct) -> Source:
             raise InputError("--out", str(settings.out), f"a folder outside of {path}, which holds the photographs")
         if settings.poses == "keep" and detect(path) is not None:
             return _posed(settings)
-        photographs = find_photographs(path, settings.images)
+        found = find_photographs(path, settings.images)
+        photographs = found.photographs
         return Source(
             "photographs",
             path.resolve().name,
@@ -63,9 +66,11 @@ def find_source(settings: Reconstruct) -> Source:
             upright_size(photographs[0].source),
             lambda: digests(photographs),
             lambda folder, advance: photographs,
+            notes=found.notes,
         )
     if not video.is_video(path):
         raise InputError(path, "a file that is no video", f"{_EXPECTED} ({', '.join(video.VIDEO_SUFFIXES)})")
+    check_colours(path)
     count, size = video.announced(path), video.frame_size(path)
     return Source(
         "video",
@@ -94,7 +99,8 @@ def _posed(settings: Reconstruct) -> Source:
     if len(scene.views) < LEAST:
         raise InputError(path, f"{len(scene.views)} views", f"at least {LEAST}")
     photographs = [
-        Photograph(view.name, view.source, view.image, view.exif, view.camera, view.split) for view in scene.views
+        Photograph(view.name, view.source, view.image, view.exif, view.camera, view.split, view.linear)
+        for view in scene.views
     ]
     first = scene.views[0].camera
     usual = {view.name: view.split for view in scene.with_hold(DEFAULT_HOLD).views}
@@ -108,6 +114,7 @@ def _posed(settings: Reconstruct) -> Source:
         holds_split=any(view.split != usual[view.name] for view in scene.views),
         poses=_digest(scene),
         offset=scene.offset,
+        notes=scene.notes,
     )
 
 

@@ -53,6 +53,9 @@ def run(settings: Reconstruct, progress: Progress, say: Callable[[str], None] | 
     # COLMAP's log names neither photographs nor stages, and overwrites the progress display.
     pycolmap.logging.minloglevel = 3
     source = find_source(settings)
+    if source.kind == "photographs":  # a scene's notes were printed when it was read
+        for note in source.notes:
+            (say or _print)(f"{settings.source}: {note}")
     digests = source.digests()
     identity = sha256_text(
         canonical_json(

@@ -59,6 +59,7 @@ def record(
         "mean_track_length": round(model.compute_mean_track_length(), 3),
         "views": [asdict(view) for view in views],
         "seconds": dict(seconds),
+        **({"notes": list(source.notes)} if source.notes else {}),
     }
 
 

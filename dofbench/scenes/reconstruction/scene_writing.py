@@ -10,7 +10,7 @@ import numpy as np
 from dofbench.core.cameras import NO_OFFSET, Camera, Offset
 from dofbench.core.contracts import PointCloud
 from dofbench.core.exif import write_exif
-from dofbench.core.images import read_image, write_png
+from dofbench.core.images import read_exr, read_image, write_exr, write_png
 from dofbench.scenes import export
 from dofbench.scenes.colmap import read_model
 from dofbench.scenes.reconstruction.kept_steps import Work
@@ -34,12 +34,15 @@ def write_scene(
     model = read_model(work.model)
     by_file = {photograph.file_name: photograph for photograph in photographs}
     views = [by_file[name] for name in model.names]
-    names = [f"{view.name}.png" for view in views]
+    # Linear light stays light, so that a dataset of the scene can blur what is brighter than white.
+    names = [f"{view.name}.png" if view.light is None else f"{view.name}.exr" for view in views]
     cameras = []
     for index, (view, lens, pose) in enumerate(zip(views, model.intrinsics, model.world_to_camera, strict=True)):
         cameras.append(undistorted(lens).camera(pose))
         path = work.scene / "images" / names[index]
-        if not path.is_file():
+        if not path.is_file() and view.light is not None:
+            write_exr(path, undistort_image(read_exr(view.light), lens, light=True), half=True)
+        elif not path.is_file():
             image = read_image(work.photographs / view.file_name)
             write_png(path, undistort_image(image, lens))
         advance(index + 1)
