@@ -193,6 +193,17 @@ def test_windows_layers_and_parts_of_an_exr(tmp_path):
     assert np.array_equal(read_image(tmp_path / "parts.exr"), values)
 
 
+def test_a_jpeg_with_a_gain_map_is_its_base(tmp_path):
+    """As of phones; OpenImageIO applies the map by itself, and gives light above 1."""
+    y, x = np.mgrid[:64, :96]
+    image, gain = Image.fromarray(np.dstack([2 * x, 3 * y, x + y]).astype(np.uint8)), Image.new("L", (96, 64), 200)
+    write_gain_mapped(tmp_path / "a.jpg", image, gain)
+    assert str(oiio.ImageInput.open(str(tmp_path / "a.jpg")).spec().format) == "half", "OpenImageIO sees the map"
+    found, coding = read_coded(tmp_path / "a.jpg")
+    expected = np.asarray(Image.open(tmp_path / "a.jpg").convert("RGB"), np.float32) / 255
+    assert coding.is_usual and not coding.linear and np.abs(found - expected).max() <= LEVEL_8BIT
+
+
 def test_what_is_understood_in_part_is_named(tmp_path):
     image = Image.fromarray(LEVELS)
     ImageCms.profileToProfile(
@@ -256,3 +267,47 @@ def written(file: Path, spec: oiio.ImageSpec, values: np.ndarray) -> None:
     output = oiio.ImageOutput.create(str(file))
     assert output.open(str(file), spec), output.geterror()
     assert output.write_image(np.ascontiguousarray(values, np.float32)) and output.close()
+
+
+def write_gain_mapped(file: Path, image: Image.Image, gain: Image.Image) -> None:
+    """A JPEG with a second one behind it that says by how much to brighten (Ultra HDR, version 1)."""
+
+    def encoded(picture: Image.Image) -> bytes:
+        stream = io.BytesIO()
+        picture.save(stream, "jpeg", quality=95)
+        return stream.getvalue()
+
+    def segment(marker: int, data: bytes) -> bytes:
+        return bytes([0xFF, marker]) + struct.pack(">H", len(data) + 2) + data
+
+    def described(text: str) -> bytes:
+        rdf = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+        packet = f'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="{rdf}">{text}</rdf:RDF></x:xmpmeta>'
+        return segment(0xE1, b"http://ns.adobe.com/xap/1.0/\0" + packet.encode())
+
+    names = 'xmlns:hdrgm="http://ns.adobe.com/hdr-gain-map/1.0/" hdrgm:Version="1.0"'
+    numbers = {"GainMapMin": 0, "GainMapMax": 2, "Gamma": 1, "OffsetSDR": 0.015625, "OffsetHDR": 0.015625}
+    numbers |= {"HDRCapacityMin": 0, "HDRCapacityMax": 2}
+    said = " ".join(f'hdrgm:{name}="{value}"' for name, value in numbers.items())
+    second = encoded(gain)
+    second = second[:2] + described(f'<rdf:Description {names} {said} hdrgm:BaseRenditionIsHDR="False"/>') + second[2:]
+    google = "http://ns.google.com/photos/1.0/container/"
+    items = "".join(
+        f'<rdf:li rdf:parseType="Resource"><Container:Item {item} Item:Mime="image/jpeg"/></rdf:li>'
+        for item in ('Item:Semantic="Primary"', f'Item:Semantic="GainMap" Item:Length="{len(second)}"')
+    )
+    first = encoded(image)
+    head = first[:2] + described(
+        f'<rdf:Description xmlns:Container="{google}" xmlns:Item="{google}item/" {names}>'
+        f"<Container:Directory><rdf:Seq>{items}</rdf:Seq></Container:Directory></rdf:Description>"
+    )
+
+    def index(size: int, offset: int) -> bytes:
+        # CIPA DC-007, multi-picture format: version, number of pictures, then 16 bytes for each.
+        entries = struct.pack(">IIIHH", 0x030000, size, 0, 0, 0) + struct.pack(">IIIHH", 0, len(second), offset, 0, 0)
+        directory = struct.pack(">HHHI4s", 3, 0xB000, 7, 4, b"0100") + struct.pack(">HHII", 0xB001, 4, 1, 2)
+        directory += struct.pack(">HHII", 0xB002, 7, 32, 50) + bytes(4)
+        return segment(0xE2, b"MPF\0MM\0*" + struct.pack(">I", 8) + directory + entries)
+
+    size = len(head) + len(index(0, 0)) + len(first) - 2
+    file.write_bytes(head + index(size, size - len(head) - 8) + first[2:] + second)

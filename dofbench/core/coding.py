@@ -99,6 +99,8 @@ def coding_of(path: Path) -> Coding:
     if codes is not None:
         return coding_of_codes(path, int(codes[0]), int(codes[1]))
     floating = str(spec.format) in ("half", "float", "double")
+    if kind == "jpeg" and floating:
+        return _of_base(path)
     profile = spec.getattribute("ICCProfile")
     if profile is not None:
         return of_profile(path, bytes(bytearray(profile)))
@@ -146,6 +148,18 @@ def _check_pages(path: Path, opened: Any) -> None:
     opened.seek_subimage(0, 0)
     if pages - copies > 1:
         raise InputError(path, f"a TIFF of {pages - copies} pages", "an image of one page")
+
+
+def _of_base(path: Path) -> Coding:
+    """The coding of a JPEG with a gain map, of which OpenImageIO makes HDR and `read_image` takes the base."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            profile = image.info.get("icc_profile")
+    except (OSError, ValueError) as error:
+        raise InputError(path, f"no readable image ({error})", _CONVERTED) from None
+    return of_profile(path, profile) if profile else USUAL
 
 
 def _inks(path: Path) -> Coding:

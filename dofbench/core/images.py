@@ -23,6 +23,7 @@ from dofbench.core.readable import check_file, check_pixels
 _LARGEST_HALF = 65504.0
 # deflate makes a byte out of 1032 at best (zlib's documentation); OpenEXR's other compressions have no such bound.
 _DEFLATE, _DEFLATED = 1032, ("none", "rle", "zip", "zips")
+_JPEG_SUFFIXES = (".jpg", ".jpeg")
 _NO_DATE = "1970:01:01 00:00:00"
 
 
@@ -139,12 +140,26 @@ def _decoded(path: Path, part: int = 0, *, within_display: bool = False, unassoc
     if unassociated:
         config.attribute("oiio:UnassociatedAlpha", 1)
     buffer = oiio.ImageBuf(str(path), part, 0, config)
+    if path.suffix.lower() in _JPEG_SUFFIXES and str(buffer.nativespec().format) == "half":
+        return _base_of_jpeg(path)
     window = buffer.roi_full if within_display else buffer.roi
     pixels = buffer.get_pixels(oiio.FLOAT, window) if not buffer.has_error else None
     if pixels is None or buffer.has_error:
         raise InputError(path, f"no readable image ({_reason(buffer.geterror)})", "an image file")
     pixels = np.asarray(pixels, dtype=np.float32)
     return pixels[..., None] if pixels.ndim == 2 else pixels
+
+
+def _base_of_jpeg(path: Path) -> np.ndarray:
+    """The picture for ordinary displays in a JPEG with a gain map (Ultra HDR), which OpenImageIO would apply."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            levels = np.asarray(image.convert("RGB"))
+    except (OSError, ValueError) as error:
+        raise InputError(path, f"no readable image ({error})", "an image file") from None
+    return from_8bit(levels)
 
 
 def _converted(path: Path, coding: Coding) -> np.ndarray:
@@ -259,7 +274,7 @@ def _reason(message: Callable[[], str]) -> str:
 
 def _check_whole_jpeg(path: Path) -> None:
     """Raise InputError for a JPEG cut short: libjpeg fills what is missing with grey and says nothing."""
-    if path.suffix.lower() not in (".jpg", ".jpeg") or not path.is_file():
+    if path.suffix.lower() not in _JPEG_SUFFIXES or not path.is_file():
         return
     content = path.read_bytes()
     at = 2

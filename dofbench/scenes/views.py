@@ -123,8 +123,8 @@ def assemble(
     if not frames:
         raise InputError(subject, "no views", "at least one")
     names = view_names([frame.name for frame in frames])
-    codings = {name: image_coding(frame.file) for frame, name in zip(frames, names, strict=True)}
-    views = [_view(frame, name, codings[name], width, subject) for frame, name in zip(frames, names, strict=True)]
+    found = [_view(frame, name, width, subject) for frame, name in zip(frames, names, strict=True)]
+    views, codings = [view for view, _ in found], {view.name: coding for view, coding in found}
     exif = exif_by_file(root, {view.name: view.source for view in views})
     views = [replace(view, exif=exif.get(view.name)) for view in views]
     order = sorted(range(len(views)), key=names.__getitem__)
@@ -186,7 +186,7 @@ def _inside(view: SceneView, xyz: np.ndarray) -> np.ndarray:
     return np.all((pixels >= 0) & (pixels <= (view.camera.width, view.camera.height)), axis=1)
 
 
-def _view(frame: Frame, name: str, coding: Coding, width: int | None, subject: object) -> SceneView:
+def _view(frame: Frame, name: str, width: int | None, subject: object) -> tuple[SceneView, Coding]:
     if not frame.file.is_file():
         raise InputError(frame.file, "no such file", f"the image that {subject} names")
     file_width, file_height = image_size(frame.file)
@@ -215,8 +215,9 @@ def _view(frame: Frame, name: str, coding: Coding, width: int | None, subject: o
             raise InputError(frame.mask_file, "no such file", f"the mask that {subject} names")
         check_size(frame.mask_file, (file_width, file_height))
         mask = MaskOnDisk(frame.file, frame.mask_file, False, lens, out_width, out_height)
+    coding = image_coding(frame.file)
     image = ImageOnDisk(frame.file, lens, out_width, out_height, mask, coding.linear)
-    return SceneView(
+    view = SceneView(
         name=name,
         camera=straight.camera(frame.world_to_camera).resized(out_width, out_height),
         image=image,
@@ -226,6 +227,7 @@ def _view(frame: Frame, name: str, coding: Coding, width: int | None, subject: o
         mask=mask,
         linear=image.light if coding.linear else None,
     )
+    return view, coding
 
 
 def _check_aspect(file: Path, size: tuple[int, int], given: Intrinsics, subject: object) -> None:
