@@ -38,6 +38,7 @@ _KEPT = (DEPTH_RECORD, _NOISE, "depth", "network", "points", "reconstruction.npz
 NOISE = ("noise_rms_linear", "noise_psnr_db")
 _OF_A_VIEW = (
     layout.sharp_path,
+    layout.sharp_linear_path,
     layout.depth_path,
     layout.confidence_path,
     layout.linear_path,
