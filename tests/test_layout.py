@@ -165,7 +165,7 @@ def declared(requirements: list[str]) -> set[str]:
 def test_every_imported_package_is_declared() -> None:
     project = PROJECT["project"]
     extras = project["optional-dependencies"]
-    runtime = declared(project["dependencies"] + extras["render"] + extras["gpu"])
+    runtime = declared(project["dependencies"] + extras["render"] + extras["photographs"] + extras["gpu"])
     allowed = {**dict.fromkeys(CODE, runtime), "tests": runtime | declared(extras["test"])}
     providers = packages_distributions()
     own = {"dofbench", *(path.stem for path in (ROOT / "tests").glob("*.py"))}
