@@ -40,15 +40,15 @@ def lens_errors(
     true: Mapping[str, Lens],
     estimated: Mapping[str, PhysicalLens | None],
     disparity_range: DisparityRange,
-    width: int,
+    width: int | Mapping[str, int],
     depths: Mapping[str, np.ndarray | None],
 ) -> LensErrors:
     """Errors of the `estimated` lenses of the views named in `true`.
 
     disparity_range: of the dataset, which gives A and F their meaning. width: of the images,
-    pixels; radii are in its pixels. depths: (H, W) by view, scene units, 0 where unknown; such
-    pixels have no radius and are left out of delta_r. Estimates of other views are not looked at.
-    Raises ValueError when there is no view, or a view has no estimate or no depth.
+    pixels, one for all or by view; radii are in its pixels. depths: (H, W) by view, scene units, 0
+    where unknown; such pixels have no radius and are left out of delta_r. Estimates of other views
+    are not looked at. Raises ValueError when there is no view, or a view has no estimate or no depth.
     """
     if not true:
         raise ValueError("lens errors: expected at least one view, found none")
@@ -58,10 +58,10 @@ def lens_errors(
         guess, depth = estimated.get(name), depths.get(name)
         if guess is None or depth is None:
             raise ValueError(f"lens errors: expected an estimate and a depth for view {name}, found none")
-        found = Lens.from_physical(guess, disparity_range)
+        found, own = Lens.from_physical(guess, disparity_range), _width(width, name)
         disparity = 1.0 / depth[depth != 0].astype(np.float64)
-        radius = np.abs(lens.physical(disparity_range, width).signed_radius(disparity, width))
-        errors = np.abs(radius - np.abs(guess.signed_radius(disparity, width)))
+        radius = np.abs(lens.physical(disparity_range, own).signed_radius(disparity, own))
+        errors = np.abs(radius - np.abs(guess.signed_radius(disparity, own)))
         total = float(errors.sum())
         per_view[name] = ViewLensErrors(
             delta_a=abs(lens.aperture - found.aperture),
@@ -78,8 +78,15 @@ def lens_errors(
 
 
 def do_nothing_errors(
-    true: Mapping[str, Lens], disparity_range: DisparityRange, width: int, depths: Mapping[str, np.ndarray | None]
+    true: Mapping[str, Lens],
+    disparity_range: DisparityRange,
+    width: int | Mapping[str, int],
+    depths: Mapping[str, np.ndarray | None],
 ) -> LensErrors:
     """Errors of saying A = F = 0.5 for every view: what a method must beat. Arguments as in `lens_errors`."""
-    guess = DO_NOTHING.physical(disparity_range, width)
-    return lens_errors(true, dict.fromkeys(true, guess), disparity_range, width, depths)
+    guesses = {name: DO_NOTHING.physical(disparity_range, _width(width, name)) for name in true}
+    return lens_errors(true, guesses, disparity_range, width, depths)
+
+
+def _width(width: int | Mapping[str, int], name: str) -> int:
+    return width if isinstance(width, int) else width[name]

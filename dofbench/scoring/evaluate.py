@@ -209,7 +209,7 @@ class Evaluator:
         errors, or the true lenses aren't known."""
         if not self._protocol.lens or missing_truth(self._dataset).lens:
             return {}
-        errors = do_nothing_errors(self._true_lenses(), self._disparity_range(), self._width(), self._depths())
+        errors = do_nothing_errors(self._true_lenses(), self._disparity_range(), self._widths(), self._depths())
         return {"delta_a": errors.delta_a, "delta_f": errors.delta_f, "delta_r": errors.delta_r}
 
     def frames_per_second(self) -> float | None:
@@ -331,7 +331,7 @@ class Evaluator:
         if estimated is None:
             return {}, []
         true, disparity_range = self._true_lenses(), self._disparity_range()
-        errors = lens_errors(true, estimated, disparity_range, self._width(), self._depths())
+        errors = lens_errors(true, estimated, disparity_range, self._widths(), self._depths())
         views = []
         for name, lens in true.items():
             guess = Lens.from_physical(estimated[name], disparity_range)
@@ -363,8 +363,8 @@ class Evaluator:
         assert found is not None
         return found
 
-    def _width(self) -> int:
-        return self._train[0].camera.width
+    def _widths(self) -> dict[str, int]:
+        return {view.name: view.camera.width for view in self._train}
 
     def _depths(self) -> dict[str, np.ndarray | None]:
         return {view.name: self._dataset.depth(view) for view in self._train}

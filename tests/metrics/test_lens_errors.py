@@ -43,6 +43,20 @@ def test_do_nothing_on_the_full_grid() -> None:
     assert errors.delta_r == pytest.approx(by_hand, rel=FLOAT32_VALUE)
 
 
+def test_radii_are_in_each_view_s_own_pixels() -> None:
+    """The same lenses and errors by their shares of the width, one image twice as wide: its radii are twice as many."""
+    true, guess = {"a": Lens(0.5, 0.2), "b": Lens(0.5, 0.2)}, {"a": Lens(0.8, 0.2), "b": Lens(0.8, 0.2)}
+    widths = {"a": WIDTH, "b": 2 * WIDTH}
+    estimated = {name: lens.physical(RANGE, widths[name]) for name, lens in guess.items()}
+    for errors in (
+        lens_errors(true, estimated, RANGE, widths, depths_of(0.7, true)),
+        do_nothing_errors({name: Lens(0.8, 0.5) for name in true}, RANGE, widths, depths_of(0.7, true)),
+    ):
+        small, large = (errors.per_view[name].delta_r for name in true)
+        assert small > 0 and large == pytest.approx(2 * small, rel=FLOAT32_VALUE)
+        assert errors.delta_r == pytest.approx((small + large) / 2, rel=FLOAT32_VALUE)
+
+
 def test_radii_are_compared_without_their_sign() -> None:
     """Focus in front of or behind a plane by the same amount blurs it the same."""
     true, guess = {"a": Lens(0.5, 0.6)}, {"a": Lens(0.5, 0.8)}
