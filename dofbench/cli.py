@@ -1,7 +1,8 @@
 """The command line. Options and their help are declared in the settings classes alone.
 
-Exit status: 0 done, 1 something failed (each failure is named), 2 the call is wrong, 128 + n ended by signal n. Modules
-that are slow to import are loaded only once the command is known, so that help appears at once.
+Exit status: 0 done, 1 something failed (each failure is named), 2 the call is wrong, 3 `check` found nothing wrong but
+couldn't compute scores again, 128 + n ended by signal n. Modules that are slow to import are loaded only once the
+command is known, so that help appears at once.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from dofbench.stability.stability_options import Stability
 from dofbench.synthesis.dataset_options import MakeDatasets
 from dofbench.validation.validation_options import ValidateRenderer
 
-DONE, FAILED, WRONG_CALL = 0, 1, 2
+DONE, FAILED, WRONG_CALL, NOT_RECOMPUTED = 0, 1, 2, 3
 
 _DESCRIPTION = (
     "Make shallow depth-of-field datasets whose lens is known, train methods on them, and compare the methods. "
@@ -54,10 +55,13 @@ class Scenes:
 
 @dataclass(frozen=True)
 class Check:
-    """Check a dataset or results: schema, checksums, protocol, and whether all parts agree with each other."""
+    """Check a dataset or results: digests, checksums, protocol, whether all parts agree, and scores computed again."""
 
     path: Annotated[Path, tyro.conf.Positional]
     """Dataset folder, result folder, or a folder of results."""
+
+    data: Path | None = None
+    """The dataset's folder, to compute scores again, if it isn't where the results say. Without it: status 3."""
 
 
 @dataclass(frozen=True)
@@ -172,9 +176,10 @@ def execute(settings: Any) -> int:
 
             return DONE if report(settings) else FAILED
         case Check():
-            from dofbench.commands.check import check
+            from dofbench.commands.check import Verdict, check
 
-            return DONE if check(settings.path) else FAILED
+            verdict = check(settings.path, data=settings.data)
+            return {Verdict.GOOD: DONE, Verdict.NOT_RECOMPUTED: NOT_RECOMPUTED}.get(verdict, FAILED)
         case Scenes():
             from dofbench.scenes.listing import print_scenes
 

@@ -1,4 +1,4 @@
-"""Datasets whose files a test has changed, with a manifest that lists them as they are now."""
+"""Datasets and results that a test has changed, with checksums and digests of what is there now."""
 
 from __future__ import annotations
 
@@ -6,16 +6,22 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+from dofbench.core.digests import write_with_digest
 from dofbench.core.files import sha256_file, write_json
 
 MANIFEST = "dataset.json"
 
 
 def edit_json(path: Path, change: Callable[[dict], object]) -> None:
-    """Change the content of a JSON file."""
+    """Change the content of a JSON file, and its digest if it has one."""
     content = json.loads(path.read_text())
     change(content)
-    write_json(path, content)
+    write_again(path, content)
+
+
+def write_again(path: Path, content: dict) -> None:
+    """Write a JSON file, with a new digest if it has one."""
+    (write_with_digest if "digest" in content else write_json)(path, content)
 
 
 def relist(folder: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, PositiveInt, Tag, ValidationError
 
 from dofbench.core.blur import Blur
+from dofbench.core.digests import FIELD, require_digest
 from dofbench.core.errors import InputError
 from dofbench.core.evidence import Photographer, Role
 from dofbench.core.files import read_json
@@ -20,10 +21,10 @@ from dofbench.scenes.scene import Photograph, Split
 
 SCHEMA: Final = "dofbench-dataset"
 # Schema versions. 1: the lens, depth and sharp image of every view are known. 2: some may be unknown, and are marked
-# so. 3: as 2, and where points and poses come from is stated, and the role of the scene if it has one. Older datasets
-# are read as they are.
-ALL_KNOWN, SOME_UNKNOWN, STATED = 1, 2, 3
-VERSIONS = (ALL_KNOWN, SOME_UNKNOWN, STATED)
+# so. 3: as 2, and where points and poses come from is stated, and the role of the scene if it has one. 4: as 3, and the
+# manifest holds a digest of itself. Older datasets are read as they are.
+ALL_KNOWN, SOME_UNKNOWN, STATED, SIGNED = 1, 2, 3, 4
+VERSIONS = (ALL_KNOWN, SOME_UNKNOWN, STATED, SIGNED)
 MANIFEST = "dataset.json"
 LENS_FILE = "lens.json"
 
@@ -287,6 +288,7 @@ class Manifest(_Record):
     identity: sha256 of everything that decides the content (settings, source, lens plan, version). depth: absent if no
     view has depth. points: where points and poses come from; absent before schema version 3, which is "not stated".
     offset: of cameras and points in the dataset's files, subtracted on reading, scene units; absent where it is zero.
+    digest: of the manifest's own text (`dofbench.core.digests`); absent before schema version 4.
     """
 
     schema_name: Literal["dofbench-dataset"] = Field(alias="schema")
@@ -302,6 +304,7 @@ class Manifest(_Record):
     points: PointsRecord | None = None
     offset: tuple[FiniteFloat, FiniteFloat, FiniteFloat] | None = None
     files: dict[InsidePath, FileRecord]
+    digest: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")
 
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -325,6 +328,11 @@ def read_manifest(folder: Path) -> Manifest:
         raise InputError(path, "another kind of JSON", f'a manifest with "schema": "{SCHEMA}"')
     if raw.get("version") not in VERSIONS:
         raise InputError(path, f"schema version {raw.get('version')}", f"version {_versions()}")
+    if (raw["version"] >= SIGNED) is not (FIELD in raw):
+        found = f"{'a' if FIELD in raw else 'no'} digest in schema version {raw['version']}"
+        raise InputError(path, found, f"a digest from {SIGNED} on")
+    if FIELD in raw:
+        require_digest(path, raw, expected="the manifest that make-dataset wrote")
     manifest = _validate(path, raw, Manifest)
     photographs = [image.view for image in manifest.source.images if image.photograph is not None]
     if manifest.version == ALL_KNOWN and (photographs or manifest.depth is None):

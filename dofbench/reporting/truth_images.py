@@ -11,7 +11,7 @@ import numpy as np
 from dofbench.core.errors import InputError
 from dofbench.dataset.dataset import Dataset, DatasetView
 from dofbench.results.collecting import Entry
-from dofbench.running.load_run import LoadedRun
+from dofbench.running.load_run import LoadedRun, loaded
 from dofbench.scoring.evaluate import Kind
 
 
@@ -52,4 +52,4 @@ def prediction_file(entry: Entry, folder: str, view: str) -> Path | None:
 
 
 def _loaded(entry: Entry) -> LoadedRun | None:
-    return None if entry.result is None else LoadedRun(entry.folder, entry.result, Path(entry.result.data))
+    return None if entry.result is None else loaded(entry.folder, entry.result)

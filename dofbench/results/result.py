@@ -11,13 +11,14 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from dofbench.core.digests import FIELD, require_digest, write_with_digest
 from dofbench.core.errors import InputError, Status
 from dofbench.core.evidence import Photographer, Role
-from dofbench.core.files import canonical_json, sha256_text, write_json
+from dofbench.core.files import canonical_json, sha256_text
 from dofbench.core.names import InsideName, InsidePath
 from dofbench.core.readable import parse_json, read_text
 
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 RESULT_FILE = "result.json"
 # Folders beside result.json: files that the method saved, and predicted pictures
 MODEL_FOLDER, PREDICTIONS_FOLDER = "model", "predictions"
@@ -66,6 +67,15 @@ def _from_4(data: dict[str, Any]) -> dict[str, Any]:
 
 
 MIGRATIONS[4] = _from_4
+
+
+def _from_5(data: dict[str, Any]) -> dict[str, Any]:
+    """Version 6 adds the digest of the file's own text, and where the dataset is relative to the result; older results
+    have neither."""
+    return data | {"digest": None, "data_from_here": ""}
+
+
+MIGRATIONS[5] = _from_5
 
 
 class Stored(BaseModel):
@@ -210,10 +220,13 @@ class Result(Stored):
     errors of a predictor that always estimates A = F = 0.5. stages: the harness's stages; method_stages: the method's
     own, wall seconds within "train". kernels_compiled: number of kernels compiled during the run, 0 if all were cached
     on disk; None before schema version 2. predictions, model: file, relative to the result's folder -> sha256; model is
-    empty before version 2. data: the dataset's folder as the user gave it. role, role_by, photographer: of the dataset
+    empty before version 2. data: the dataset's folder as the user gave it; data_from_here: the same relative to the
+    result's folder, "" before version 6. role, role_by, photographer: of the dataset
     (`dofbench.core.evidence`); None, "" and None before version 4, role also where it isn't stated. choices: digest of
     all that preset and call chose (`dofbench.running.frozen_presets`), None before version 4. plan, protocol: as plain
     data. fits, apertures: empty before version 3, foci before version 5. git is None outside a checkout.
+    digest: of result.json's own text (`dofbench.core.digests`); None before version 6, and of a result that isn't
+    written yet.
     """
 
     schema_version: int
@@ -226,6 +239,7 @@ class Result(Stored):
     traceback: str
     scene: str
     data: str
+    data_from_here: str
     role: Role | None
     role_by: str
     photographer: Photographer | None
@@ -253,6 +267,7 @@ class Result(Stored):
     git: Git | None
     machine: dict[str, str | int | float]
     packages: dict[str, str]
+    digest: str | None = None
 
     @property
     def finished(self) -> bool:
@@ -263,17 +278,23 @@ class Result(Stored):
 
 def write_result(folder: Path, result: Result) -> None:
     """Write `folder`/result.json, atomically."""
-    write_json(folder / RESULT_FILE, result.model_dump(mode="python"))
+    write_with_digest(folder / RESULT_FILE, result.model_dump(mode="python"))
 
 
 def read_result(path: Path) -> Result:
     """Read a result.json, or the one in a folder; an older schema is migrated.
 
-    Raises InputError when the file is missing, incomplete, not JSON, or of a newer schema.
+    Raises InputError when the file is missing, incomplete, not JSON, of a newer schema, or was changed later.
     """
     path = Path(path)
     path = path / RESULT_FILE if path.is_dir() else path
     data = parse_json(read_text(path, "a result that `dofbench run` wrote"), path)
+    if isinstance(data, dict):
+        version = data.get("schema_version")
+        if FIELD in data or version == SCHEMA_VERSION:
+            require_digest(path, data, expected="the result as `dofbench run` wrote it")
+        if FIELD in data and isinstance(version, int) and version < SCHEMA_VERSION:
+            raise InputError(path, f"a digest in schema_version {version}", f"schema_version {SCHEMA_VERSION}")
     try:
         return Result.model_validate(migrate(data, path))
     except ValidationError as error:

@@ -1,46 +1,53 @@
-"""Is a result what it says it is? Schema, key, checksums, and a score computed again from the pictures."""
+"""Is a result what it says it is? Digest, key, checksums, and every score that its pictures and lenses give again."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from dofbench.core.errors import InputError, Status
 from dofbench.core.files import files_below, sha256_file, temporaries
-from dofbench.core.images import read_image
 from dofbench.core.leases import at_work, leased_folders
-from dofbench.dataset.dataset import Dataset
-from dofbench.metrics import score_image
 from dofbench.results.added_scores import ADDED_FILE, read_added
 from dofbench.results.result import RESULT_FILE, Result, read_result
 from dofbench.running.execution import TRAINED_FILE
-from dofbench.running.load_run import LoadedRun, load_run
+from dofbench.running.load_run import load_run
+from dofbench.running.recomputed import differences
 from dofbench.scenes.named.roles import contradiction
-from dofbench.scoring.evaluate import PREFIX, WHOLE
-from dofbench.scoring.photograph_scores import picture_scores
+from dofbench.scoring.evaluate import PREFIX
 from dofbench.scoring.result_consistency import added_inconsistencies, inconsistencies
 
-# The pictures hold exactly what was scored (8 bits), so only the order of summation may differ.
-PSNR_AGREEMENT = 1e-4  # dB
+
+@dataclass(frozen=True)
+class Checked:
+    """What is wrong with a result, one line each. not_recomputed: why its scores couldn't be computed again; "" where
+    they were, or where it has none."""
+
+    problems: list[str]
+    not_recomputed: str = ""
 
 
-def check_result(folder: Path) -> list[str]:
-    """What is wrong with the result in `folder`, one line each; an empty list when nothing is.
+def check_result(folder: Path, data: Path | None = None) -> Checked:
+    """Check the result in `folder`: its digest, key and checksums, whether its parts agree, and, where its dataset is
+    found, every score that its pictures and lenses give again.
 
-    Where the dataset is at the place that the result names, and is the same one, PSNR is computed
-    again from the saved pictures; where it isn't, that is not a fault of the result, and only the
-    other checks are made.
+    data: where the dataset is; None to look for it (`load_run.find_data`).
     """
     try:
-        run = load_run(folder)
+        run = load_run(folder, data)
     except InputError as error:
-        return [str(error)]
+        return Checked([str(error)])
     result = run.result
     problems = [*inconsistencies(result), *_place(folder, result), *_pictures(folder, result), *_added(folder, result)]
     if said := contradiction(result.role, result.role_by):
         problems.append(said)
-    return problems or _scores_again(run)
+    if problems:
+        return Checked(problems)
+    try:
+        return Checked(differences(run))
+    except InputError as error:  # gone, or another one by now: no fault of the result
+        return Checked([], " ".join(str(error).split()) if result.views or result.lens or result.do_nothing else "")
 
 
 def result_folders(folder: Path) -> list[Path]:
@@ -48,25 +55,27 @@ def result_folders(folder: Path) -> list[Path]:
     return sorted({*(file.parent for file in files_below(folder, RESULT_FILE)), *leased_folders(folder)})
 
 
-def check_results(folders: Sequence[Path], say: Callable[[str], None]) -> dict[Path, list[str]]:
-    """What is wrong with the result in each folder; an empty list where nothing is.
+def check_results(folders: Sequence[Path], say: Callable[[str], None], data: Path | None = None) -> dict[Path, Checked]:
+    """Check the result in each folder, as `check_result` does.
 
     Runs that died and results that are there twice are wrong too. say: told of runs at work, which aren't checked.
     """
-    problems: dict[Path, list[str]] = {}
+    found: dict[Path, Checked] = {}
     keys: dict[str, Path] = {}
     for folder in folders:
         if at_work(folder):
             say(f"{folder}: a run is at work there, not checked")
         elif not (folder / RESULT_FILE).is_file():
-            problems[folder] = ["a run died here and left no result; its command goes on with it"]
+            found[folder] = Checked(["a run died here and left no result; its command goes on with it"])
         else:
-            problems[folder] = check_result(folder)
-            if not problems[folder]:
+            found[folder] = check_result(folder, data)
+            if not found[folder].problems:
                 key = read_result(folder).key
                 if (first := keys.setdefault(key, folder)) != folder:
-                    problems[folder].append(f"the same run as in {first}: counted twice it would be a second seed")
-    return problems
+                    found[folder].problems.append(
+                        f"the same run as in {first}: counted twice it would be a second seed"
+                    )
+    return found
 
 
 def _place(folder: Path, result: Result) -> Iterator[str]:
@@ -103,40 +112,3 @@ def _added(folder: Path, result: Result) -> Iterator[str]:
         return
     if added is not None:
         yield from (f"{ADDED_FILE}: {problem}" for problem in added_inconsistencies(added, result))
-
-
-def _standing(result: Result, dataset: Dataset) -> list[str]:
-    """The role and the photographer are the dataset's; results of older versions state neither."""
-    if result.photographer is None:
-        return []
-    pairs = (("role", result.role, dataset.role), ("photographer", result.photographer, dataset.photographer))
-    return [f"{name} {own}, and {whole} of {dataset.folder}" for name, own, whole in pairs if own != whole]
-
-
-def _scores_again(run: LoadedRun) -> list[str]:
-    try:
-        dataset = run.dataset
-    except InputError:  # gone, or another one by now: no fault of the result
-        return []
-    problems = _standing(run.result, dataset)
-    test = {view.name: view for view in dataset.test_views()}
-    for scored in run.result.views:
-        if scored.name not in test:
-            problems.append(f"view {scored.name}: not a test view of {run.data}")
-            continue
-        for kind, prefix in PREFIX.items():
-            column = f"{prefix}psnr"
-            stored = scored.scores.get(column)
-            if stored is None or math.isnan(stored):
-                continue
-            truth = (dataset.all_in_focus if kind == "all_in_focus" else dataset.image)(test[scored.name])
-            assert truth is not None
-            picture = read_image(run.prediction(kind, scored.name))
-            again = (
-                score_image(picture, truth, ["psnr"])["psnr"]
-                if kind in WHOLE
-                else picture_scores(picture, truth, prefix)[column]
-            )
-            if again != stored and not abs(again - stored) <= PSNR_AGREEMENT:
-                problems.append(f"view {scored.name}: {column} is {stored:.4f}, computed again {again:.4f}")
-    return problems

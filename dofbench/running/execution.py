@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
 import traceback
@@ -286,6 +287,7 @@ class Execution:
             traceback=trace,
             scene=self.dataset.scene,
             data=str(self.data),
+            data_from_here=os.path.relpath(self.data.resolve(), self.folder.resolve()),
             role=self.dataset.role,
             role_by=self.dataset.role_by,
             photographer=self.dataset.photographer,

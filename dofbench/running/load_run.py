@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from dofbench.dataset.dataset import Dataset
     from dofbench.results.result import Result
 
+_ABOVE = 5  # folders above a result in which its dataset is looked for
+
 
 @dataclass(frozen=True, eq=False)
 class LoadedRun:
@@ -93,12 +95,40 @@ class LoadedRun:
 def load_run(folder: Path | str, data: Path | None = None) -> LoadedRun:
     """Open the result in `folder` (or the result.json itself), with its dataset and its trained method.
 
-    data: where the dataset is now, if it isn't where the result says. Raises InputError when there is no readable
+    data: where the dataset is now; None to look for it (`find_data`). Raises InputError when there is no readable
     result.
     """
     from dofbench.results.result import read_result
 
     folder = Path(folder)
     folder = folder.parent if folder.is_file() else folder
-    result = read_result(folder)
-    return LoadedRun(folder, result, Path(result.data) if data is None else data)
+    return loaded(folder, read_result(folder), data)
+
+
+def loaded(folder: Path, result: Result, data: Path | None = None) -> LoadedRun:
+    """The run of a result that was read already. data: as in `load_run`."""
+    return LoadedRun(folder, result, find_data(folder, result) if data is None else data)
+
+
+def find_data(folder: Path, result: Result) -> Path:
+    """Where the dataset of the result in `folder` is: where the result says, as seen from the current folder, or from
+    its own; else by its name or path beside one of the folders above. Only the very dataset counts, by its checksum.
+
+    Where there is none, the path that the result says.
+    """
+    from dofbench.core.files import sha256_file
+    from dofbench.dataset.schema import MANIFEST
+
+    said, here = Path(result.data), folder.resolve()
+    above = [here, *here.parents][: _ABOVE + 1]
+    places = [said, *([here / result.data_from_here] if result.data_from_here else [])]
+    if not said.is_absolute():
+        places += [place / said for place in above]
+    places += [place / name for place in above for name in (result.spec.dataset, Path("data") / result.spec.dataset)]
+    for place in places:
+        try:
+            if (place / MANIFEST).is_file() and sha256_file(place / MANIFEST) == result.spec.dataset_checksum:
+                return place
+        except (OSError, ValueError):  # not readable, or a path that can't be one
+            continue
+    return said

@@ -10,6 +10,7 @@ import numpy as np
 
 from dofbench import __version__
 from dofbench.core.cameras import NO_OFFSET, Offset
+from dofbench.core.digests import write_with_digest
 from dofbench.core.exif import EXIF_FILE, write_exif
 from dofbench.core.files import sha256_file, write_json, write_text
 from dofbench.core.images import read_exr, read_image, to_8bit, write_png
@@ -20,7 +21,7 @@ from dofbench.dataset.schema import (
     LENS_FILE,
     MANIFEST,
     SCHEMA,
-    STATED,
+    SIGNED,
     DepthRecord,
     FileRecord,
     LensFile,
@@ -175,7 +176,7 @@ def manifest(
     }
     record = Manifest(
         schema=SCHEMA,
-        version=STATED,
+        version=SIGNED,
         name=name,
         dofbench=__version__,
         command=settings.command(settings.scene or name),
@@ -188,7 +189,7 @@ def manifest(
         offset=None if offset == NO_OFFSET else offset,
         files=files,
     )
-    write_json(root / MANIFEST, as_json(record))
+    write_with_digest(root / MANIFEST, as_json(record))
 
 
 def geometry(root: Path, scene: Scene, near_far: np.ndarray | None, measured: Set[str] | None = None) -> list[str]:

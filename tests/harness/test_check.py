@@ -5,15 +5,18 @@ from __future__ import annotations
 import io
 import json
 import math
+import random
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from fake_method import fake_run
+from relisted import edit_json
 from rich.console import Console
 
-from dofbench.commands.check import check
+from dofbench import cli
+from dofbench.commands.check import Verdict, check
 from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image, write_png
@@ -38,19 +41,17 @@ def folder(call, original: Path, tmp_path: Path) -> Path:
 
 
 def edit(folder: Path, change: Callable[[dict], None]) -> None:
-    data = json.loads((folder / "result.json").read_text())
-    change(data)
-    (folder / "result.json").write_text(json.dumps(data))
+    edit_json(folder / "result.json", change)
 
 
 def test_a_good_result_passes(folder: Path) -> None:
-    assert check_result(folder) == []
+    assert check_result(folder).problems == []
     assert check(folder.parent.parent, Console(quiet=True))
 
 
 @pytest.mark.parametrize("status", ["lost", "crash"])
 def test_a_failed_result_can_be_a_good_one(call, status: str) -> None:
-    assert check_result(call(set=(f"trouble={status}",)).folder) == []
+    assert check_result(call(set=(f"trouble={status}",)).folder).problems == []
 
 
 def test_results_of_version_1_agree_with_themselves() -> None:
@@ -107,14 +108,14 @@ def test_results_of_version_1_agree_with_themselves() -> None:
 )
 def test_tampering_with_the_result_is_named(folder: Path, change: Callable, problem: str) -> None:
     edit(folder, change)
-    assert any(problem in line for line in check_result(folder))
+    assert any(problem in line for line in check_result(folder).problems)
 
 
 def test_a_lost_value_without_an_event_is_named(call) -> None:
     folder = call(set=("trouble=hole",)).folder
-    assert check_result(folder) == []
+    assert check_result(folder).problems == []
     edit(folder, lambda data: data["nonfinite"].clear())
-    assert any("is nan, and no event says so" in line for line in check_result(folder))
+    assert any("is nan, and no event says so" in line for line in check_result(folder).problems)
 
 
 @pytest.mark.parametrize(
@@ -132,11 +133,11 @@ def test_a_lost_value_without_an_event_is_named(call) -> None:
 )
 def test_tampering_with_added_scores_is_named(folder: Path, change: Callable, problem: str) -> None:
     score([folder], "aif_gmsd", console=Console(quiet=True))
-    assert check_result(folder) == []
+    assert check_result(folder).problems == []
     data = json.loads((folder / "added.json").read_text())
     change(data)
     (folder / "added.json").write_text(json.dumps(data))
-    assert any(problem in line for line in check_result(folder))
+    assert any(problem in line for line in check_result(folder).problems)
 
 
 def said_of(folder: Path) -> tuple[bool, str]:
@@ -162,7 +163,7 @@ def test_what_dead_processes_leave_is_named(folder: Path) -> None:
 def test_a_folder_of_another_name_and_a_result_twice_are_named(folder: Path) -> None:
     copy = folder.parent / "backup"
     shutil.copytree(folder, copy)
-    assert check_result(copy) == [f"the folder of this run would be {folder.name}: it is found by its name"]
+    assert check_result(copy).problems == [f"the folder of this run would be {folder.name}: it is found by its name"]
     shutil.copytree(folder, folder.parent.parent / "again" / folder.name)
     good, said = said_of(folder.parent.parent)
     assert not good and "the same run as in" in said
@@ -171,18 +172,18 @@ def test_a_folder_of_another_name_and_a_result_twice_are_named(folder: Path) -> 
 def test_another_picture_is_named(folder: Path) -> None:
     picture = folder / "predictions" / "refocus" / "v0.png"
     write_png(picture, read_image(picture) * 0.5)
-    assert check_result(folder) == [
+    assert check_result(folder).problems == [
         "predictions/refocus/v0.png: not the file that was scored (its sha256 is another one)"
     ]
     picture.unlink()
-    assert check_result(folder) == ["predictions/refocus/v0.png: missing"]
+    assert check_result(folder).problems == ["predictions/refocus/v0.png: missing"]
 
 
 def test_a_picture_with_a_forged_checksum_has_another_score(folder: Path) -> None:
     picture = folder / "predictions" / "refocus" / "v0.png"
     write_png(picture, read_image(picture) * 0.5)
     edit(folder, lambda data: data["predictions"].update({"predictions/refocus/v0.png": sha256_file(picture)}))
-    (problem,) = check_result(folder)
+    problem = check_result(folder).problems[0]
     assert "view v0: psnr is" in problem and "computed again" in problem
 
 
@@ -214,9 +215,91 @@ def test_nothing_to_check_is_an_error(tmp_path: Path) -> None:
 )
 def test_another_role_or_photographer_than_the_dataset_s_is_named(folder: Path, change: dict, said: str) -> None:
     edit(folder, lambda data: data.update(change))
-    assert any(problem.startswith(said) for problem in check_result(folder))
+    assert any(problem.startswith(said) for problem in check_result(folder).problems)
 
 
 def test_a_result_of_an_older_version_states_neither(folder: Path) -> None:
     edit(folder, lambda data: data.update(role=None, role_by="", photographer=None, choices=None))
-    assert check_result(folder) == []
+    assert check_result(folder).problems == []
+
+
+# ---- every change is noticed ----
+
+
+def test_random_bits_of_a_result(folder: Path) -> None:
+    """`check` names every one of them, as a change or as what it made of the file."""
+    file = folder / "result.json"
+    whole, generator = file.read_bytes(), random.Random(48)
+    for _ in range(200):
+        place, bit = generator.randrange(len(whole)), 1 << generator.randrange(8)
+        file.write_bytes(whole[:place] + bytes([whole[place] ^ bit]) + whole[place + 1 :])
+        with pytest.raises(InputError):
+            read_result(file)
+    file.write_bytes(whole)
+    assert check_result(folder).problems == []
+
+
+def test_a_result_without_its_digest(folder: Path) -> None:
+    edit(folder, lambda data: data.pop("digest"))
+    assert "changed after it was written" in check_result(folder).problems[0]
+
+
+def test_an_older_result_without_a_digest_is_good_and_said_to_be(folder: Path) -> None:
+    edit(folder, lambda data: (data.pop("digest"), data.pop("data_from_here"), data.update(schema_version=5)))
+    good, said = said_of(folder)
+    assert good and "good, of an older version without a digest of its own" in said
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda data: shifted(data, "ssim"), "view v0: ssim is"),
+        (lambda data: shifted(data, "aif_flip"), "view v0: aif_flip is"),
+        (lambda data: shifted(data, "delta_e"), "view v0: delta_e is"),
+        (lambda data: data["lens"][0].update(delta_r=0.0), "delta_r is 0, computed again"),
+        (lambda data: data["scores"].update(delta_r=0.0), "delta_r is 0, computed again"),
+        (lambda data: data["do_nothing"].update(delta_f=0.9), "do_nothing delta_f is 0.9, computed again"),
+        (lambda data: data["curve"][-1]["scores"].update(psnr=99.0), "psnr is "),
+        (lambda data: data.update(scene="elsewhere"), "scene elsewhere, and waves of"),
+    ],
+)
+def test_scores_that_agree_with_each_other_are_computed_again(folder: Path, change: Callable, said: str) -> None:
+    edit(folder, change)
+    assert any(said in problem for problem in check_result(folder).problems)
+
+
+def shifted(data: dict, column: str) -> None:
+    """A better score of one view, and the mean that goes with it."""
+    data["views"][0]["scores"][column] += 0.1
+    data["scores"][column] = math.fsum(view["scores"][column] for view in data["views"]) / len(data["views"])
+
+
+# ---- where the dataset is ----
+
+
+def test_the_dataset_is_found_from_another_folder(
+    folder: Path, original: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By where it is relative to the result, and beside a folder above; else scores aren't computed again, and that is
+    said."""
+    (data,) = [path for path in original.parents if (path / "data" / "dataset.json").is_file()]
+    monkeypatch.chdir(tmp_path)
+    edit(folder, lambda content: content.update(data="elsewhere/data", data_from_here=""))
+    assert check(folder) is Verdict.NOT_RECOMPUTED
+    assert "scores not recomputed (elsewhere/data: found no such folder" in said_of(folder)[1]
+    assert cli.main(["check", str(folder)]) == cli.NOT_RECOMPUTED == 3
+    assert cli.main(["check", str(folder), "--data", str(data / "data")]) == cli.DONE
+    shutil.copytree(data / "data", tmp_path / "waves")
+    assert check(folder) is Verdict.GOOD
+    (tmp_path / "waves").rename(tmp_path / "renamed")
+    assert check(folder) is Verdict.NOT_RECOMPUTED
+    edit(folder, lambda content: content.update(data_from_here="../../../renamed"))
+    assert check(folder) is Verdict.GOOD
+
+
+def test_a_dataset_that_changed_gives_no_scores(folder: Path, tmp_path: Path, original: Path) -> None:
+    (data,) = [path / "data" for path in original.parents if (path / "data" / "dataset.json").is_file()]
+    copy = shutil.copytree(data, tmp_path / "copy")
+    shutil.copyfile(copy / "images" / "v1.png", copy / "images" / "v0.png")
+    checked = check_result(folder, copy)
+    assert checked.problems == [] and "v0.png: found a changed file" in checked.not_recomputed

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fake_method import fake_run
+from relisted import write_again
 from rich.console import Console
 from small_dataset import write_dataset
 
@@ -102,7 +103,7 @@ def test_what_a_run_kept_of_depth_is_scored_by_its_model(call, tmp_path: Path) -
     end = call()
     data = json.loads((end.folder / "result.json").read_text())
     expected = {column: data["scores"].pop(column) for column in DEPTH_COLUMNS}
-    (end.folder / "result.json").write_text(json.dumps(data))
+    write_again(end.folder / "result.json", data)
     good, said = scored(end.folder, "depth_rel,disparity_error")
     assert good and "from the kept model" in said
     assert {column: one.value for column, one in read_added(end.folder).scores.items()} == pytest.approx(expected)
@@ -116,7 +117,7 @@ def test_the_authors_ssim_is_added_to_a_result_of_an_older_protocol(call) -> Non
     data["protocol"]["id"] = data["plan"]["protocol"] = data["spec"]["protocol"] = "refocus-v2"
     for metrics in ("refocus", "all_in_focus"):
         data["protocol"][metrics].remove("ssim_uniform7")
-    (end.folder / "result.json").write_text(json.dumps(data))
+    write_again(end.folder / "result.json", data)
     assert scored(end.folder, "ssim_uniform7,aif_ssim_uniform7")[0]
     assert {column: one.value for column, one in read_added(end.folder).scores.items()} == pytest.approx(expected)
     assert expected["ssim_uniform7"] != data["scores"]["ssim"]  # another metric than ours
@@ -145,7 +146,7 @@ def test_code_that_renders_otherwise_scores_no_depth(call, tmp_path: Path) -> No
     data = json.loads((end.folder / "result.json").read_text())
     for column in DEPTH_COLUMNS:
         del data["scores"][column]
-    (end.folder / "result.json").write_text(json.dumps(data))
+    write_again(end.folder / "result.json", data)
     code = tmp_path / "methods" / "fake" / "trainer.py"
     original = code.read_text()
     code.write_text(original.replace("return Rendering(image.", "return Rendering(0.9 * image."))
@@ -163,7 +164,7 @@ def test_a_score_that_does_not_come_out_again_is_named(call) -> None:
     end = call()
     data = json.loads((end.folder / "result.json").read_text())
     data["scores"]["ssim"] -= 0.01
-    (end.folder / "result.json").write_text(json.dumps(data))
+    write_again(end.folder / "result.json", data)
     good, said = scored(end.folder, "psnr,ssim")
     assert not good and "ssim is 0." in said and "computed again 0." in said and "the same again: psnr" in said
 
@@ -223,7 +224,7 @@ def test_added_scores_of_another_result_are_refused(call) -> None:
     end = call()
     scored(end.folder, "aif_gmsd")
     data = json.loads((end.folder / "result.json").read_text())
-    (end.folder / "result.json").write_text(json.dumps(data))  # the same content in other bytes
+    write_again(end.folder / "result.json", data | {"ended": "later"})
     with pytest.raises(InputError, match="another result.json"):
         read_added(end.folder)
     assert scored(end.folder, "aif_gmsd")[0]

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from relisted import write_again
 from rich.console import Console
 from small_dataset import write_dataset
 
@@ -34,7 +35,7 @@ def unknown(call: Callable[..., RunEnd], tmp_path: Path) -> Callable[..., RunEnd
 
 def test_what_has_its_truth_is_scored(unknown: Callable[..., RunEnd]) -> None:
     result = read_result(unknown().folder)
-    assert result.status is Status.OK and check_result(unknown().folder) == []
+    assert result.status is Status.OK and check_result(unknown().folder).problems == []
     assert {"aif_psnr", "aif_ssim", "aif_flip", "train_s", "render_fps"} <= result.scores.keys()
     assert not {"psnr", "delta_a", "disparity_error"} & result.scores.keys()
     assert result.left_out["psnr"] == "no test lens" and result.left_out["delta_a"] == "no true lens"
@@ -54,7 +55,7 @@ def test_a_run_that_nothing_can_be_scored_of_still_ends_well(call: Callable[...,
         )
     ).folder
     result = read_result(folder)
-    assert result.status is Status.OK and check_result(folder) == [] and result.scores["steps"] == 8
+    assert result.status is Status.OK and check_result(folder).problems == [] and result.scores["steps"] == 8
     assert result.left_out["aif_psnr"] == "the dataset has no test views" and result.predictions == {}
     stream = io.StringIO()
     write_report(Report(results=tmp_path / "results", out=tmp_path / "report"), Console(file=stream, width=300))
@@ -88,7 +89,7 @@ def test_photographs_are_scored_by_what_half_of_each_tells(call: Callable[..., R
     data = write_dataset(tmp_path / "photographs", name="seal", unknown=EVERY, blurred=EVERY, flat=EVERY, exact=False)
     end = call(data=data)
     result = read_result(end.folder)
-    assert result.spec.protocol == "photographs-v1" and check_result(end.folder) == []
+    assert result.spec.protocol == "photographs-v1" and check_result(end.folder).problems == []
     assert {"photo_psnr", "photo_ssim", "photo_blur_psnr"} <= result.scores.keys()
     assert not {"psnr", "aif_psnr", "delta_a"} & result.scores.keys()
     assert [fit.name for fit in result.fits] == ["v0", "v1"] and all(len(fit.halves) == 2 for fit in result.fits)
@@ -100,7 +101,7 @@ def test_photographs_are_scored_by_what_half_of_each_tells(call: Callable[..., R
     assert "the method has no lens" in blind.left_out["photo_blur_psnr"] and blind.scores["photo_psnr"] > 0
     assert all(half.aperture is None and half.sigma >= 0 for fit in blind.fits for half in fit.halves)
     off = read_result(call(data=data, set=("lens=false",)).folder)
-    assert "no lens here" in off.left_out["photo_blur_psnr"] and check_result(end.folder) == []
+    assert "no lens here" in off.left_out["photo_blur_psnr"] and check_result(end.folder).problems == []
 
     write_report(Report(results=tmp_path / "results", out=tmp_path / "report"), Console(quiet=True))
     page = (tmp_path / "report" / "leaderboard.md").read_text()
@@ -120,8 +121,8 @@ def test_a_picture_that_isnt_what_was_scored_is_noticed(call: Callable[..., RunE
     for view in stored["views"]:
         view["scores"]["photo_psnr"] += 0.5
     stored["scores"]["photo_psnr"] += 0.5
-    file.write_text(json.dumps(stored))
-    assert any("photo_psnr is" in line and "computed again" in line for line in check_result(folder))
+    write_again(file, stored)
+    assert any("photo_psnr is" in line and "computed again" in line for line in check_result(folder).problems)
 
 
 def test_a_prediction_that_isnt_finite_is_a_failure(call: Callable[..., RunEnd], tmp_path: Path) -> None:

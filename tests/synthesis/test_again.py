@@ -6,6 +6,7 @@ import json
 import shutil
 
 import pytest
+from relisted import write_again
 
 from dofbench import cli
 from dofbench.core.progress import Silent
@@ -52,7 +53,7 @@ def test_a_difference_is_told(scene, dataset_folder, tmp_path, capsys):
     like.mkdir()
     manifest = json.loads((dataset_folder / "dataset.json").read_text())
     manifest["files"]["images/v02.png"]["sha256"] = "0" * 64
-    (like / "dataset.json").write_text(json.dumps(manifest))
+    write_again(like / "dataset.json", manifest)
     assert cli.main(["make-dataset", str(scene), "--like", str(like), "--out", str(tmp_path / "out")]) == 1
     assert capsys.readouterr().err.splitlines()[-1] == f"not the bytes of {like}: images/v02.png"
 
@@ -78,7 +79,7 @@ def test_another_scene_or_version_is_refused(write_scene, dataset_folder, tmp_pa
     like.mkdir()
     manifest = json.loads((dataset_folder / "dataset.json").read_text())
     change(root, manifest)
-    (like / "dataset.json").write_text(json.dumps(manifest))
+    write_again(like / "dataset.json", manifest)
     assert cli.main(["make-dataset", str(root), "--like", str(like), "--out", str(tmp_path / "out")]) == 2
     assert word in capsys.readouterr().err
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import functools
 import json
 import os
+import random
 import shutil
 
 import numpy as np
@@ -15,10 +18,11 @@ from tolerances import FLOAT64_VALUE
 from dofbench.core.blur import Blur
 from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.core.errors import InputError
-from dofbench.core.files import sha256_file, write_json
+from dofbench.core.files import sha256_file
 from dofbench.core.images import read_exr, read_image
 from dofbench.core.lens import Lens
 from dofbench.core.progress import Silent
+from dofbench.dataset.schema import read_manifest
 from dofbench.scenes import load_scene
 from dofbench.synthesis import Dataset, builtin_folder, make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset
@@ -116,8 +120,7 @@ def folder(dataset_folder, tmp_path):
 
 
 def manifest_with(folder, **values):
-    content = json.loads((folder / "dataset.json").read_text())
-    write_json(folder / "dataset.json", content | values)
+    edit_json(folder / "dataset.json", lambda content: content.update(values))
 
 
 @pytest.mark.parametrize(
@@ -128,9 +131,9 @@ def manifest_with(folder, **values):
         (lambda folder: ((folder / "dataset.json").unlink(), (folder / ".work").mkdir()), "run make-dataset again"),
         (lambda folder: (folder / "dataset.json").write_text("{"), "JSON"),
         (lambda folder: (folder / "dataset.json").write_text("[]"), "another kind of JSON"),
-        (lambda folder: manifest_with(folder, version=4), "schema version 4"),
-        (lambda folder: manifest_with(folder, version=2), "points in schema version 2"),
-        (lambda folder: manifest_with(folder, points=None), "no points in schema version 3"),
+        (lambda folder: manifest_with(folder, version=5), "schema version 5"),
+        (lambda folder: manifest_with(folder, version=2), "a digest in schema version 2"),
+        (lambda folder: manifest_with(folder, points=None), "no points in schema version 4"),
         (lambda folder: manifest_with(folder, seed="lucky"), "seed"),
         (lambda folder: (folder / "lens.json").unlink(), "lens.json"),
         (lambda folder: (folder / "transforms.json").unlink(), "transforms.json"),
@@ -194,3 +197,45 @@ def test_notes_of_the_user_are_no_obstacle(folder):
     (folder / ".git" / "config").write_text("x")
     (folder / "notes.txt").write_text("mine")
     assert Dataset.load(folder).views
+
+
+def places(value, path=()):
+    """Every place of a number, a text, a truth or nothing in JSON content."""
+    if isinstance(value, dict | list):
+        for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from places(item, (*path, key))
+    else:
+        yield path
+
+
+def other_than(value):
+    return value + "x" if isinstance(value, str) else not value if isinstance(value, bool) else (value or 0) + 1
+
+
+def test_every_changed_field_of_the_manifest_is_noticed(folder):
+    file = folder / "dataset.json"
+    whole = json.loads(file.read_text())
+    for path in places(whole):
+        changed = copy.deepcopy(whole)
+        *parents, last = path
+        inner = functools.reduce(lambda part, key: part[key], parents, changed)
+        inner[last] = other_than(inner[last])
+        file.write_text(json.dumps(changed, indent=2, ensure_ascii=False) + "\n")
+        with pytest.raises(InputError):
+            Dataset.load(folder)
+
+
+def test_random_bits_of_the_manifest_are_noticed(folder):
+    file, generator = folder / "dataset.json", random.Random(48)
+    whole = file.read_bytes()
+    for _ in range(200):
+        place, bit = generator.randrange(len(whole)), 1 << generator.randrange(8)
+        file.write_bytes(whole[:place] + bytes([whole[place] ^ bit]) + whole[place + 1 :])
+        with pytest.raises(InputError):
+            read_manifest(folder)
+
+
+def test_a_manifest_without_its_digest_is_refused(folder):
+    edit_json(folder / "dataset.json", lambda manifest: manifest.pop("digest"))
+    with pytest.raises(InputError, match="no digest in schema version 4"):
+        Dataset.load(folder)

@@ -10,11 +10,12 @@ import cv2
 import numpy as np
 import pytest
 from onnx_networks import mean_of_channels, write_network
+from relisted import write_again
 from tolerances import FLOAT32_VALUE, LEVEL_8BIT
 
 from dofbench.cli import DONE, FAILED, WRONG_CALL, main
 from dofbench.core.errors import InputError
-from dofbench.core.files import sha256_file, write_json
+from dofbench.core.files import sha256_file
 from dofbench.core.images import read_exr, read_image, to_8bit, write_exr, write_grey_png
 from dofbench.core.progress import Silent
 from dofbench.synthesis import Dataset, check_dataset, depth_record, depth_sources, make_dataset
@@ -57,7 +58,7 @@ def seal(folder):
     record = manifest(folder)
     for name, entry in record["files"].items():
         entry.update(sha256=sha256_file(folder / name), size=(folder / name).stat().st_size)
-    write_json(folder / "dataset.json", record)
+    write_again(folder / "dataset.json", record)
 
 
 def test_given_depth_is_certain_and_the_views_agree(dataset_folder):
@@ -88,6 +89,7 @@ def test_confidence_must_fit_its_depth(folder):
     z = read_exr(folder / "depth/v02.exr")
     z[5, :7] = 0
     write_exr(folder / "depth/v02.exr", z)
+    seal(folder)
     problems = check_depth(Dataset.load(folder))
     assert problems == [
         "confidence/v01.png: shape (96, 120), expected (96, 128), as the depth",
@@ -133,7 +135,7 @@ def test_a_dataset_from_before_there_was_confidence(folder):
     record = manifest(folder)
     record["files"] = {name: entry for name, entry in record["files"].items() if not name.startswith("confidence")}
     del record["depth"]["views"], record["depth"]["confidence"]
-    write_json(folder / "dataset.json", record)
+    write_again(folder / "dataset.json", record)
     assert Dataset.load(folder).confidence("v00") is None
     assert check_dataset(folder) == []
 

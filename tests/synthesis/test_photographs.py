@@ -85,7 +85,7 @@ def test_what_is_known_is_there_and_nothing_else(made: Path, blurred: Path, cont
         ]
     }
     manifest = json.loads((made / "dataset.json").read_text())
-    assert manifest["version"] == 3 and "depth" not in manifest
+    assert manifest["version"] == 4 and "depth" not in manifest
     assert not {"focus", "aperture", "gamma", "renderer", "assign"} & manifest["settings"].keys()
     for name in TRAIN + TEST:
         np.testing.assert_array_equal(
@@ -337,7 +337,11 @@ def test_check_finds_what_cannot_be(folder: Path, change: Callable, problem: str
 @pytest.mark.parametrize(
     "file, change, word",
     [
-        ("dataset.json", lambda content: content.update(version=1), "view v00 of unknown lens in schema version 1"),
+        (
+            "dataset.json",
+            lambda content: (content.update(version=1), content.pop("digest")),
+            "view v00 of unknown lens in schema version 1",
+        ),
         ("lens.json", lambda content: content["views"][0].update(aperture=0.5), "aperture"),
         ("lens.json", lambda content: content["views"][0].update(lens="f/4"), "lens"),
         ("lens.json", lambda content: content.update(disparity_range=[0.5, 0.1]), "disparity range"),
@@ -377,7 +381,7 @@ def test_one_test_view_without_a_lens(mixed: Path, dataset_folder: Path) -> None
     assert first.lens is None and not first.has_all_in_focus and first.has_depth
     assert [view.lens for view in others] == [view.lens for view in before.views[1:]]
     assert (dataset.assign, dataset.blur, dataset.disparity_range) == ("per-view", before.blur, before.disparity_range)
-    edit(mixed / "dataset.json", lambda manifest: manifest.update(version=1))
+    edit(mixed / "dataset.json", lambda manifest: (manifest.update(version=1), manifest.pop("digest")))
     with pytest.raises(InputError, match="view v00 of unknown lens in schema version 1"):
         Dataset.load(mixed)
 
@@ -393,7 +397,12 @@ def test_datasets_of_older_schema_versions_are_read(mixed: Path, dataset_folder:
     known = shutil.copytree(dataset_folder, tmp_path / "known")
     for folder, version in ((known, 1), (mixed, 2)):
         edit(
-            folder / "dataset.json", lambda manifest, to=version: (manifest.update(version=to), manifest.pop("points"))
+            folder / "dataset.json",
+            lambda manifest, to=version: (
+                manifest.update(version=to),
+                manifest.pop("points"),
+                manifest.pop("digest", None),
+            ),
         )
         assert check_dataset(folder) == []
         assert Dataset.load(folder).points_record is None

@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
+from relisted import write_again
 from tolerances import POSE_ROUND_TRIP, TRIANGULATED_DEPTH
 
 from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
-from dofbench.core.files import sha256_file, write_json
+from dofbench.core.files import sha256_file
 from dofbench.core.images import write_png
 from dofbench.core.progress import Silent
 from dofbench.scenes import load_scene
@@ -65,7 +66,7 @@ def seal(folder: Path, **points: object) -> None:
     for name, record in manifest["files"].items():
         record.update(sha256=sha256_file(folder / name), size=(folder / name).stat().st_size)
     manifest["points"].update(points)
-    write_json(folder / "dataset.json", manifest)
+    write_again(folder / "dataset.json", manifest)
 
 
 def noise(path: Path) -> None:

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from relisted import write_again
 from small_dataset import write_dataset as write_fake
 
 from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS
-from dofbench.core.files import write_json
 from dofbench.dataset.dataset import Dataset
 from dofbench.synthesis import check_dataset, make_dataset
 from dofbench.synthesis.dataset_options import MakeDataset
@@ -31,7 +31,7 @@ def manifest(folder: Path) -> dict:
 
 def test_a_dataset_states_its_role_and_what_photographed_it(report_scene: Path) -> None:
     record = manifest(report_scene)
-    assert (record["source"]["role"], record["source"]["role_by"], record["version"]) == ("report", "llff/room", 3)
+    assert (record["source"]["role"], record["source"]["role_by"], record["version"]) == ("report", "llff/room", 4)
     dataset = Dataset.load(report_scene)
     assert (dataset.role, dataset.role_by, dataset.photographer) == ("report", "llff/room", "scatter")
     text = (report_scene / "README.md").read_text()
@@ -55,7 +55,7 @@ def test_photographs_of_unknown_lens_say_it_too(tmp_path: Path, write_scene: Cal
     assert (dataset.role, dataset.role_by, dataset.photographer) == ("development", "real-lens/chessking", "unknown")
     text = (out / "README.md").read_text()
     assert ROLE_SAYS["development"] in text and PHOTOGRAPHER_SAYS["unknown"] in text
-    assert manifest(out)["version"] == 3 and check_dataset(out) == []
+    assert manifest(out)["version"] == 4 and check_dataset(out) == []
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_another_role_than_the_files_is_a_problem(report_scene: Path, tmp_path: 
     folder = shutil.copytree(report_scene, tmp_path / "copy")
     record = manifest(folder)
     record["source"].update(changed)
-    write_json(folder / "dataset.json", record)
+    write_again(folder / "dataset.json", record)
     assert check_dataset(folder) == [f"dataset.json: {said}"]
 
 
@@ -86,6 +86,6 @@ def test_an_unknown_role_is_refused(report_scene: Path, tmp_path: Path) -> None:
     folder = shutil.copytree(report_scene, tmp_path / "copy")
     record = manifest(folder)
     record["source"]["role"] = "tuning"
-    write_json(folder / "dataset.json", record)
+    write_again(folder / "dataset.json", record)
     with pytest.raises(Exception, match="source.role: Input should be 'development' or 'report'"):
         Dataset.load(folder)

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_up import cloud
+from relisted import write_again
 from tolerances import FLOAT32_VALUE, LEVEL_8BIT, SCATTER_OF_A_LENS
 
 from dofbench.core.errors import InputError
-from dofbench.core.files import sha256_file, write_json
+from dofbench.core.files import sha256_file
 from dofbench.core.images import read_exr, read_image, write_png
 from dofbench.core.progress import Silent
 from dofbench.optics.tone import encode
@@ -103,7 +104,7 @@ def forged(dataset: Path, tmp_path: Path) -> Path:
     manifest = json.loads((copy / "dataset.json").read_text())
     for file, record in manifest["files"].items():
         record.update(sha256=sha256_file(copy / file), size=(copy / file).stat().st_size)
-    write_json(copy / "dataset.json", manifest)
+    write_again(copy / "dataset.json", manifest)
     return copy
 
 

@@ -7,6 +7,7 @@ import shutil
 
 import numpy as np
 import pytest
+from relisted import write_again
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file, write_json
@@ -25,7 +26,7 @@ def seal(folder):
     manifest = json.loads((folder / "dataset.json").read_text())
     for name, record in manifest["files"].items():
         record.update(sha256=sha256_file(folder / name), size=(folder / name).stat().st_size)
-    write_json(folder / "dataset.json", manifest)
+    write_again(folder / "dataset.json", manifest)
 
 
 def change_lens(folder, view, **values):
@@ -57,7 +58,7 @@ def test_a_missing_a_longer_and_an_extra_file(folder):
 def test_a_file_taken_out_of_the_manifest_too(folder):
     manifest = json.loads((folder / "dataset.json").read_text())
     del manifest["files"]["images/v01.png"]
-    write_json(folder / "dataset.json", manifest)
+    write_again(folder / "dataset.json", manifest)
     (folder / "images/v01.png").unlink()
     assert "images/v01.png: not listed in dataset.json" in check_dataset(folder)
 
