@@ -49,6 +49,10 @@ def work(how, report):
     return f"{how}, done"
 
 
+def safe_path(report):
+    return f"{sys.flags.safe_path} {os.environ.get('PYTHONSAFEPATH')}"
+
+
 def jobs(*kinds, **after):
     # A test file isn't importable in the processes: the function goes by its source, as a module.
     return [Job(kind, partial(_spawned().work, kind), after.get(kind)) for kind in kinds]
@@ -89,6 +93,17 @@ def test_every_end_is_told_apart_and_none_stops_the_others(monkeypatch):
         running += (event[0] == "started") - (event[0] == "ended")
         most = max(most, running)
     assert most == 2
+
+
+@pytest.mark.parametrize(("before", "within"), [(None, "True None"), ("1", "True 1")])
+def test_a_process_is_started_safely_and_starts_others_as_the_user_would(monkeypatch, before, within):
+    """The command of an external method may need modules beside its script."""
+    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    if before:
+        monkeypatch.setenv("PYTHONSAFEPATH", before)
+    (outcome,) = LocalProcesses(1).run([Job("one", _spawned().safe_path)], Log())
+    assert outcome.message == within
+    assert os.environ.get("PYTHONSAFEPATH") == before
 
 
 @pytest.mark.parametrize("first", ["well", "killed"])

@@ -21,6 +21,8 @@ from dofbench.core.errors import one_line
 from dofbench.core.jobs import FREED, Busy, Job, Outcome, Watcher
 
 _THREADS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
+# With it a new Python process doesn't look for modules in the current folder, where a stranger's `random.py` may be.
+_SAFE_PATH = "PYTHONSAFEPATH"
 _VISIBLE = "CUDA_VISIBLE_DEVICES"  # GPUs that a process sees, numbered anew from 0
 
 
@@ -128,9 +130,11 @@ def _start(job: Job, device: str, variables: dict[str, str], *, insist: bool) ->
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(
-        target=_work, args=(pickle.dumps(job.insist if insist and job.insist else job.work), theirs), name=job.name
+        target=_work,
+        args=(pickle.dumps(job.insist if insist and job.insist else job.work), theirs, os.environ.get(_SAFE_PATH)),
+        name=job.name,
     )
-    with _environment(variables):
+    with _environment(variables | {_SAFE_PATH: "1"}):
         process.start()
     # The child has its own copy. Once ours is closed, the pipe ends when the child does.
     theirs.close()
@@ -153,8 +157,14 @@ def _received(run: _Running, watcher: Watcher) -> Outcome | tuple[str, int, int]
     return Busy if kind == "busy" else Outcome(name, **{kind: content})
 
 
-def _work(pickled: bytes, pipe: Connection) -> None:
-    """The process's main function; what it needs is imported as the work is unpickled."""
+def _work(pickled: bytes, pipe: Connection, safe_path: str | None) -> None:
+    """The process's main function; what it needs is imported as the work is unpickled.
+
+    safe_path: the variable of that name as it was before the process was started, for commands that the work starts.
+    """
+    os.environ.pop(_SAFE_PATH)
+    if safe_path is not None:
+        os.environ[_SAFE_PATH] = safe_path
     # Ctrl-C reaches every process of the terminal; the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()

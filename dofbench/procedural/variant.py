@@ -63,7 +63,7 @@ def _find_llvm() -> tuple[str | None, str]:
     candidates = [given] if given else _installed_llvm()
     for library in candidates:
         trial = subprocess.run(
-            [sys.executable, "-c", _PROBE],
+            [sys.executable, "-P", "-c", _PROBE],
             env=os.environ | {"DRJIT_LIBLLVM_PATH": library},
             capture_output=True,
             check=False,
