@@ -50,7 +50,7 @@ def differences(run: LoadedRun) -> list[str]:
 def _standing(result: Result, dataset: Dataset) -> Iterator[str]:
     """The scene, the role and the photographer are the dataset's; results of older versions state neither of the last
     two."""
-    pairs = [("scene", result.scene, dataset.scene)]
+    pairs: list[tuple[str, str | None, str | None]] = [("scene", result.scene, dataset.scene)]
     if result.photographer is not None:
         pairs += [("role", result.role, dataset.role), ("photographer", result.photographer, dataset.photographer)]
     yield from (f"{name} {own}, and {whole} of {dataset.folder}" for name, own, whole in pairs if own != whole)
