@@ -13,6 +13,9 @@ FLOAT64_VALUE = 1e-10
 FINITE_DIFFERENCE = 1e-5
 # A rotation through a quaternion, a matrix product and back: a few roundings of float64, times scene units of order 10.
 POSE_ROUND_TRIP = 1e-9
+# A rotation with entries rounded to three digits is off by 3 * 0.0005 in the Frobenius norm, the nearest rotation by
+# twice that at most.
+ROUNDED_ROTATION = 3e-3
 # Positions of up to 1e7 scene units and a rotation's products with them, in float64 with steps of 1.9e-9 there: some
 # ten roundings on the way into a file and out of it.
 FAR_POSITION = 3e-8

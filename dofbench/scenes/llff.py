@@ -14,7 +14,7 @@ from dofbench.core.readable import read_array
 from dofbench.scenes.colmap import Model, read_found, read_model
 from dofbench.scenes.colmap_places import choose_model
 from dofbench.scenes.folders import choose_folder, find_matches, image_files, match_files, refuse_missing
-from dofbench.scenes.poses import invert, llff_to_opencv, rigid
+from dofbench.scenes.poses import Mended, invert, llff_to_opencv, rigid
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.undistort import Intrinsics
 from dofbench.scenes.unused import skipped, without_pose
@@ -66,9 +66,10 @@ def read_folder(root: Path, folder: Path, *, width: int | None, skip_missing: bo
             without_pose(folder, [path for path in matched.files if path], _FILE),
         ]
         files = [path for path in matched.files if path is not None]
-    frames = _frames(rows[kept], folder, files, file)
+    mended = Mended()
+    frames = _frames(rows[kept], folder, files, file, mended)
     points = None if model is None else tracked_points(model, folder, files)
-    scene = assemble(root, "llff", frames, points, width=width, subject=file).noted(*notes)
+    scene = assemble(root, "llff", frames, points, width=width, subject=file).noted(*notes, *mended.notes(file))
     check_inside(scene, found.folder if found else None)
     return scene
 
@@ -91,11 +92,12 @@ def posed_frames(root: Path, folder: Path, files: Sequence[Path]) -> list[Frame]
     rows = rows_of(file)
     if len(rows) != len(files):
         raise InputError(folder, f"{len(files)} images", f"the {len(rows)} that {file} has poses for")
-    return _frames(rows, folder, files, file)
+    return _frames(rows, folder, files, file, Mended())
 
 
-def _frames(rows: np.ndarray, folder: Path, files: Sequence[Path], file: Path) -> list[Frame]:
-    return [_frame(row, path, path.relative_to(folder).as_posix(), file) for row, path in zip(rows, files, strict=True)]
+def _frames(rows: np.ndarray, folder: Path, files: Sequence[Path], file: Path, mended: Mended) -> list[Frame]:
+    names = [path.relative_to(folder).as_posix() for path in files]
+    return [_frame(row, path, name, file, mended) for row, path, name in zip(rows, files, names, strict=True)]
 
 
 def rows_of(file: Path) -> np.ndarray:
@@ -107,14 +109,14 @@ def rows_of(file: Path) -> np.ndarray:
     return rows.astype(np.float64)
 
 
-def _frame(row: np.ndarray, path: Path, name: str, file: Path) -> Frame:
+def _frame(row: np.ndarray, path: Path, name: str, file: Path, mended: Mended) -> Frame:
     matrix = row[:15].reshape(3, 5)
     height, width, focal = matrix[:, 4]
     if not np.isfinite(matrix[:, 4]).all() or min(height, width, focal) <= 0:
         raise InputError(file, f"height {height}, width {width}, focal {focal} for {name}", "positive numbers")
     if height != int(height) or width != int(width):
         raise InputError(file, f"image size {width} x {height} for {name}", "whole pixels")
-    pose = rigid(llff_to_opencv(matrix[:, :4]), file, name)
+    pose = rigid(llff_to_opencv(matrix[:, :4]), file, name, mended)
     lens = Intrinsics(int(width), int(height), float(focal), float(focal), width / 2, height / 2)
     return Frame(name, path, lens, invert(pose))
 

@@ -11,10 +11,12 @@ from dofbench.core.errors import InputError
 from dofbench.core.files import read_json
 from dofbench.scenes import colmap
 from dofbench.scenes.colmap_places import PLACES, scene_folder
-from dofbench.scenes.folders import contents, image_files
+from dofbench.scenes.folders import contents, image_files, marked_hold
 from dofbench.scenes.found_masks import ALPHAS, with_masks
 from dofbench.scenes.local_frame import AnotherFrame
+from dofbench.scenes.marked_sharp import marked_are_sharper
 from dofbench.scenes.scene import Alpha, Scene
+from dofbench.scenes.views import by_marker
 
 # In the order of detection. transforms.json says most (a camera a view, distortion, depth, split);
 # an LLFF folder nearly always has a COLMAP model as well, and its poses are the ones scores are published for.
@@ -24,7 +26,7 @@ _MARKS = {
     "llff": "poses_bounds.npy",
     "colmap": f"a COLMAP model in {PLACES}",
 }
-# Layouts that no file gives away: they are asked for by name, or known of a named dataset.
+# Layouts that no file gives away: they are asked for by name, known of a named dataset, or measured.
 UNMARKED = ("deblurnerf",)
 LAYOUTS = (*_MARKS, *UNMARKED)
 _printed: set[str] = set()
@@ -50,7 +52,8 @@ def load_scene(
     images that are wide enough; without both, LLFF takes images_8, else images_4, else images;
     COLMAP takes images, else the one with the smallest factor; nerfstudio takes the files as transforms.json has them.
     layout: one of `LAYOUTS`, or "auto": the first of transforms.json, poses_bounds.npy, sparse/0, sparse. "deblurnerf"
-    is never found out: it is LLFF's, with blurred photographs to train on. A transforms.json that is in another frame
+    is LLFF's with a marker file hold=N and blurred photographs to train on: auto measures whether the marked ones are
+    clearly sharper, and asks for a layout where they aren't. A transforms.json that is in another frame
     than the COLMAP model beside it is passed over for the model, where that is complete, with a note (`Scene.notes`).
     hold: every hold-th view from the first is a test view (dofnerf: from the second). None: transforms.json's
     train_filenames and test_filenames, else test.txt, train.txt, split.json or train_test_lists.json in the folder or
@@ -79,8 +82,12 @@ def load_scene(
 
 
 def _without_masks(root: Path, layout: str, chosen: str, options: Mapping[str, int | str | None]) -> Scene:
+    marked = marked_hold(root) if layout == "auto" and chosen == "llff" else None
     try:
-        return _read(chosen, root, **options)
+        if marked is not None:
+            return _marked(root, marked, options)
+        scene = _read(chosen, root, **options)
+        return scene if layout != "auto" else _with_sharp_ones(scene)
     except AnotherFrame as error:
         if not colmap.fits(root):
             raise
@@ -89,6 +96,39 @@ def _without_masks(root: Path, layout: str, chosen: str, options: Mapping[str, i
             expected = f"{error.expected}; --layout colmap reads the COLMAP model by itself"
             raise InputError(error.subject, error.found, expected) from None
         return model
+
+
+def _marked(root: Path, marked: int, options: Mapping[str, int | str | None]) -> Scene:
+    """An LLFF folder with a marker file hold=N: Deblur-NeRF's layout if the marked views are clearly the sharper ones.
+
+    Raises InputError where they aren't, and for a hold other than the marker's where they are.
+    """
+    scene = _read("llff", root, **{**options, "hold": None})
+    if not marked_are_sharper(scene, marked):
+        found = f"a marker file hold={marked}, and views 0, {marked}, {2 * marked}, ... no sharper than the others"
+        expected = "--layout deblurnerf if the others are blurred all the same, or --layout llff if all are sharp"
+        raise InputError(root, found, expected)
+    if options["hold"] not in (None, marked):
+        found = (
+            f"{options['hold']} in {root}, where views 0, {marked}, {2 * marked}, ... are sharp and the others blurred"
+        )
+        raise InputError("--hold", found, f"{marked}, as its marker file says; or a --layout")
+    return _read("deblurnerf", root, **options).noted(
+        f"hold={marked} marks sharp views among blurred ones, as measured: read as --layout deblurnerf"
+    )
+
+
+def _with_sharp_ones(scene: Scene) -> Scene:
+    """The scene of another layout with a marker file hold=N; its training views are shallow if the marked ones are
+    clearly sharper."""
+    marked = marked_hold(scene.root)
+    if marked is None or scene.photographs != "all-in-focus" or scene.split_by != by_marker(marked):
+        return scene
+    if not marked_are_sharper(scene, marked):
+        return scene.noted(f"hold={marked} marks views that are no sharper than the others: read as all in focus")
+    return scene.taken_as(train="shallow", test="all-in-focus").noted(
+        f"hold={marked} marks sharp views among blurred ones, as measured: the others are trained on as they are"
+    )
 
 
 def _read(layout: str, root: Path, **options: int | str | None) -> Scene:

@@ -30,7 +30,7 @@ from dofbench.scenes.folders import (
 )
 from dofbench.scenes.name_match import plain, plain_inside
 from dofbench.scenes.ply import read_ply
-from dofbench.scenes.poses import invert, opengl_to_opencv, rigid
+from dofbench.scenes.poses import Mended, invert, opengl_to_opencv, rigid
 from dofbench.scenes.scene import Scene, Split
 from dofbench.scenes.split_files import agreed, split_sources
 from dofbench.scenes.undistort import Intrinsics
@@ -80,8 +80,9 @@ def read(
     entries, paths = ([rows[index] for index in matched.present()] for rows in (entries, every_path))
     files = [image for image in matched.files if image is not None]
     splits = _splits(content, every_path, file)
+    mended = Mended()
     frames = [
-        _frame(root, content, entry, path, image, file)
+        _frame(root, content, entry, path, image, file, mended)
         for entry, path, image in zip(entries, paths, files, strict=True)
     ]
     if splits is not None:
@@ -90,6 +91,7 @@ def read(
     scene = assemble(root, "nerfstudio", frames, points, width=width, subject=file, offset=offset).noted(
         f"{listed(sorted(aside))} skipped, in val_filenames alone" if aside else "",
         *notes,
+        *mended.notes(file),
         skipped(every_path, matched, _FILE),
         without_pose(folder, files, _FILE) if folder != root and not aside else "",
         other_format(matched, folder, _FILE),
@@ -158,7 +160,7 @@ def _images(
 
 
 def _frame(
-    root: Path, content: Mapping[str, Any], entry: Mapping[str, Any], name: str, image: Path, file: Path
+    root: Path, content: Mapping[str, Any], entry: Mapping[str, Any], name: str, image: Path, file: Path, mended: Mended
 ) -> Frame:
     matrix = entry.get("transform_matrix")
     try:
@@ -175,7 +177,7 @@ def _frame(
         name=name,
         file=image,
         intrinsics=_intrinsics({**content, **entry}, image, file),
-        world_to_camera=invert(opengl_to_opencv(rigid(pose, file, name))),
+        world_to_camera=invert(opengl_to_opencv(rigid(pose, file, name, mended))),
         depth_file=None if depth_path is None else root / depth_path,
         unit=unit,
         mask_file=None if entry.get("mask_path") is None else root / _inside(str(entry["mask_path"]), file),
@@ -198,9 +200,10 @@ def _intrinsics(values: Mapping[str, Any], image: Path, file: Path) -> Intrinsic
         width, height = image_size(image)
     if min(width, height) < 1 or width != int(width) or height != int(height):
         raise InputError(file, f"w {width}, h {height}", "whole pixels")
-    fx, fy = _focal_lengths(given, width, height)
+    fx, fy = _focal_lengths(given, width, height, file)
     if fx is None or fy is None or min(fx, fy) <= 0:
-        raise InputError(file, f"focal lengths {fx}, {fy} for {image.name}", "fl_x or camera_angle_x, positive")
+        expected = "fl_x or camera_angle_x, positive (axes that point the other way are turned in transform_matrix)"
+        raise InputError(file, f"focal lengths {fx}, {fy} for {image.name}", expected)
     k1, k2, k3, k4, k5, k6, p1, p2 = (number(name) for name in ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"))
     fisheye = model in _FISHEYE
     if not fisheye and k4 and model != "FULL_OPENCV":
@@ -211,18 +214,25 @@ def _intrinsics(values: Mapping[str, Any], image: Path, file: Path) -> Intrinsic
 
 
 def _focal_lengths(
-    given: Callable[[str], float | None], width: float, height: float
+    given: Callable[[str], float | None], width: float, height: float, file: Path
 ) -> tuple[float | None, float | None]:
     """(fx, fy), pixels: fl_x, fl_y, else of the fields of view (radians); the one that is missing is the other."""
     focal: list[float | None] = []
     for axis, size in (("x", width), ("y", height)):
         length, angle = given(f"fl_{axis}"), given(f"camera_angle_{axis}")
+        if length is None and angle is not None and not 0 < angle < math.pi:
+            expected = f"radians, more than 0 and less than pi{_degrees(angle)}"
+            raise InputError(file, f"camera_angle_{axis} {angle:g}", expected)
         focal.append(0.5 * size / math.tan(0.5 * angle) if length is None and angle else length)
     fx, fy = focal
     if given("fl_x") is not None and given("fl_y") is None:
         # A field of view beside a focal length is derived from it, by whoever wrote the file, and less exact.
         fy = fx
     return (fy if fx is None else fx), (fx if fy is None else fy)
+
+
+def _degrees(angle: float) -> str:
+    return f" (were these degrees, {math.radians(angle):.4f})" if math.pi <= angle < 180 else ""
 
 
 def _listed_paths(content: Mapping[str, Any], key: str, file: Path) -> set[str] | None:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from pathlib import Path
+
 import numpy as np
 
 from dofbench.core.errors import InputError
 
-# Text files keep five or six digits of a rotation. What is farther from a rotation than this is no rounding.
+# Text files keep five or six digits of a rotation. What is farther from a rotation than this is worth a note.
 _RIGID = 1e-4
+# Three digits leave the products of columns off by 2 * 0.0005 * sqrt(3) at most. What is farther off is no rounding.
+_ROUNDED = 2e-3
 # A rotation nearer than this is left as it is, so that exact files are read exactly.
 _EXACT = 1e-12
 
@@ -15,11 +20,38 @@ _EXACT = 1e-12
 _OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
-def rigid(matrix: np.ndarray, subject: object, which: str) -> np.ndarray:
+@dataclass
+class Mended:
+    """What was mended of the poses of a file.
+
+    off: of rotations that were rounded, how far the products of their columns are from 0 and 1. scales: of rotations
+    that had one.
+    """
+
+    off: list[float] = field(default_factory=list)
+    scales: list[float] = field(default_factory=list)
+
+    def notes(self, file: Path) -> tuple[str, ...]:
+        """For `Scene.noted`: a line for either."""
+        notes = []
+        if self.off:
+            count, off = len(self.off), max(self.off)
+            notes.append(
+                f"rounded rotations in {file.name} ({count}, off by up to {off:.1g}): the nearest ones are read"
+            )
+        if self.scales:
+            least, most = min(self.scales), max(self.scales)
+            scale = f"{least:.4g}" if most - least <= _ROUNDED * most else f"{least:.4g} to {most:.4g}"
+            notes.append(f"scaled rotations in {file.name} ({len(self.scales)}, scale {scale}): it is divided out")
+        return tuple(notes)
+
+
+def rigid(matrix: np.ndarray, subject: object, which: str, mended: Mended | None = None) -> np.ndarray:
     """Check a (3, 4) or (4, 4) pose and return it as (4, 4) float64 with an exact rotation.
 
-    A rotation that is off by the rounding of a text file is replaced by the nearest one. Raises
-    InputError about `subject` (the file) and `which` (the view) for NaN, scale, shear, reflection.
+    A rotation that is off by the rounding of a text file is replaced by the nearest one. mended: where given, so are
+    those rounded to three digits, and a scale that all axes share is divided out; both are added to it. Raises
+    InputError about `subject` (the file) and `which` (the view) for NaN, other scales, shear, reflection.
     """
     matrix = np.asarray(matrix, dtype=np.float64)
     if matrix.shape not in ((3, 4), (4, 4)):
@@ -31,8 +63,12 @@ def rigid(matrix: np.ndarray, subject: object, which: str) -> np.ndarray:
     pose = np.eye(4)
     pose[:3] = matrix[:3]
     rotation = pose[:3, :3]
-    away = np.abs(rotation.T @ rotation - np.eye(3)).max()
-    if away > _RIGID:
+    with np.errstate(over="ignore", invalid="ignore"):
+        away = np.abs(rotation.T @ rotation - np.eye(3)).max()
+    if away > _RIGID and mended is not None:
+        rotation, away = _rounded_or_scaled(rotation, away, mended)
+        pose[:3, :3] = rotation
+    if away > (_RIGID if mended is None else _ROUNDED):
         raise InputError(subject, f"a pose that is no rotation (off by {away:.2g}) for {which}", "orthonormal columns")
     if np.linalg.det(rotation) < 0:
         raise InputError(subject, f"a mirrored pose for {which}", "a rotation with determinant +1")
@@ -40,6 +76,22 @@ def rigid(matrix: np.ndarray, subject: object, which: str) -> np.ndarray:
         left, _, right = np.linalg.svd(rotation)
         pose[:3, :3] = left @ right
     return pose
+
+
+def _rounded_or_scaled(rotation: np.ndarray, away: float, mended: Mended) -> tuple[np.ndarray, float]:
+    """The (3, 3) rotation without the scale that its columns share, and how far it is from a rotation; what was done is
+    added to `mended`."""
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        scale = np.sqrt(np.sum(rotation**2) / 3)
+        unscaled = rotation / scale
+        off = np.abs(unscaled.T @ unscaled - np.eye(3)).max()
+    if not off <= _ROUNDED or np.linalg.det(unscaled) < 0:
+        return rotation, away
+    if away > _ROUNDED:
+        mended.scales.append(float(scale))
+        return unscaled, off
+    mended.off.append(float(away))
+    return rotation, away
 
 
 def invert(pose: np.ndarray) -> np.ndarray:

@@ -21,6 +21,11 @@ _INVERTED = 1e-10
 _BAND = 256
 
 
+# Of an image's longer side: the focal length of a fisheye that sees all around is a sixth; a telescope's a hundred. A
+# principal point is off the image only in parts of one.
+_SHORTEST, _LONGEST, _FARTHEST = 0.02, 1e4, 20
+
+
 @dataclass(frozen=True)
 class Intrinsics(Calibration):
     """A camera without pose, with distortion, which has no unit: it stays at another number of pixels.
@@ -36,6 +41,17 @@ class Intrinsics(Calibration):
     def distorted(self) -> bool:
         """Whether the image differs from a pinhole's."""
         return self.fisheye or any(self.distortion)
+
+    def check_proportions(self, subject: object, which: str) -> None:
+        """Raise InputError about `subject`, the file, for a focal length or a principal point out of all proportion to
+        the image. which: the view."""
+        side = max(self.width, self.height)
+        if not _SHORTEST * side <= min(self.fx, self.fy) <= max(self.fx, self.fy) <= _LONGEST * side:
+            found = f"focal lengths {self.fx:g}, {self.fy:g} px for {which}"
+            raise InputError(subject, found, f"{_SHORTEST * side:g} to {_LONGEST * side:g} px ({side} px is a side)")
+        if not max(abs(self.cx), abs(self.cy)) <= _FARTHEST * side:
+            found = f"a principal point of {self.cx:g}, {self.cy:g} px for {which}"
+            raise InputError(subject, found, f"{_FARTHEST * side:g} px at most ({side} px is a side)")
 
     def camera(self, world_to_camera: np.ndarray) -> Camera:
         """The pinhole camera at a pose; ValueError while there is distortion."""

@@ -149,8 +149,13 @@ def held_out(
     if by_files is not None:
         return by_files
     marked = marked_hold(scene.root)
-    by = f"hold {DEFAULT_HOLD} (default)" if marked is None else f"hold {marked} (marker file)"
+    by = f"hold {DEFAULT_HOLD} (default)" if marked is None else by_marker(marked)
     return replace(scene.with_hold(DEFAULT_HOLD if marked is None else marked), split_by=by)
+
+
+def by_marker(hold: int) -> str:
+    """What `Scene.split_by` says of a marker file hold=N."""
+    return f"hold {hold} (marker file)"
 
 
 def held_as_asked(scene: Scene, hold: int, not_read: Sequence[str]) -> Scene:
@@ -191,6 +196,7 @@ def _view(frame: Frame, name: str, width: int | None, subject: object) -> tuple[
         raise InputError(frame.file, "no such file", f"the image that {subject} names")
     file_width, file_height = image_size(frame.file)
     given = frame.intrinsics
+    given.check_proportions(subject, frame.name)
     _check_aspect(frame.file, (file_width, file_height), given, subject)
     if width is not None and width > file_width:
         raise InputError(

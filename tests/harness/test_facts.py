@@ -17,10 +17,10 @@ from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.core.exif import Exif
 from dofbench.core.images import from_8bit, resize, to_8bit
 from dofbench.core.lens import DisparityRange, Lens
+from dofbench.optics.blur_width import blur_deviation, noise_deviation
 from dofbench.optics.defocus import defocus_numpy
 from dofbench.running.colour_spread import colour_spread, light_spread, view_gains
 from dofbench.running.facts import facts_of
-from dofbench.running.sharpness import blur_deviation, noise_deviation
 from dofbench.running.stage_deciders import NEEDLESS_BLUR, NEEDLESS_COLOURS, NEEDLESS_DEPENDENCE
 from dofbench.scenes import load_scene
 

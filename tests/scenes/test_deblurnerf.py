@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 from tolerances import POSE_ROUND_TRIP
 
 from dofbench.core.errors import InputError
-from dofbench.core.images import read_image
+from dofbench.core.images import read_image, write_png
 from dofbench.scenes import load_scene
 from dofbench.scenes.export import write_colmap, write_poses_bounds
 from dofbench.scenes.named import resolve
@@ -75,9 +77,50 @@ def test_hold_is_never_guessed(folder: Path) -> None:
     assert len(load_scene(folder, layout="deblurnerf", hold=5).test_views()) == 3
 
 
-def test_it_is_not_found_out_by_itself(folder: Path) -> None:
+def textured(file: Path, seed: int, blur: float) -> None:
+    """A random texture in place of an image of that size; blur: standard deviation, px."""
+    image = np.random.default_rng(seed).uniform(0, 1, read_image(file).shape)
+    image = gaussian_filter(image, (0.6, 0.6, 0))
+    write_png(file, np.clip(gaussian_filter(image, (blur, blur, 0)), 0, 1).astype(np.float32))
+
+
+def blurred(folder: Path, blur: Callable[[int], float]) -> None:
+    """Textures in images/, the i-th blurred by blur(i); the smaller copies are removed."""
+    shutil.rmtree(folder / "images_4")
+    for index, name in enumerate(sorted(SMALL)):
+        textured(folder / "images" / name, index, blur(index))
+
+
+def test_sharp_views_among_blurred_ones_are_found_by_measuring(folder: Path) -> None:
+    blurred(folder, lambda index: 1.0 + 0.1 * index if index % 6 else 0.0)
     scene = load_scene(folder)
+    assert (scene.layout, scene.photographs) == ("deblurnerf", "shallow")
+    assert [view.name for view in scene.test_views()] == [Path(NAMES[index]).stem for index in (0, 6, 12)]
+    assert scene.split_by and any("deblurnerf" in note for note in scene.notes)
+    with pytest.raises(InputError, match=r"--hold: found 5 in"):
+        load_scene(folder, hold=5)
+    assert load_scene(folder, hold=6).layout == "deblurnerf"
+
+
+@pytest.mark.parametrize("blur", [lambda index: 0.0, lambda index: 1.5, lambda index: 0.0 if index % 5 else 1.5])
+def test_views_that_are_no_sharper_than_others_need_a_layout(folder: Path, blur: Callable[[int], float]) -> None:
+    blurred(folder, blur)
+    with pytest.raises(InputError, match=r"hold=6.*--layout deblurnerf .*--layout llff"):
+        load_scene(folder)
+    scene = load_scene(folder, layout="llff")
     assert (scene.layout, scene.photographs) == ("llff", "all-in-focus")
+    assert load_scene(folder, layout="deblurnerf").photographs == "shallow"
+
+
+@pytest.mark.parametrize("blur", [0.0, 1.5])
+def test_the_marker_in_a_colmap_scene(folder: Path, blur: float) -> None:
+    (folder / "poses_bounds.npy").unlink()
+    blurred(folder, lambda index: blur if index % 6 else 0.0)
+    scene = load_scene(folder)
+    assert scene.layout == "colmap" and len(scene.test_views()) == 3
+    assert scene.photographs == ("shallow" if blur else "all-in-focus")
+    assert any("hold=6" in note for note in scene.notes)
+    assert load_scene(folder, layout="colmap").photographs == "all-in-focus"
 
 
 def test_as_one_of_the_known_scenes_it_is_known_to_be_blurred(folder: Path) -> None:

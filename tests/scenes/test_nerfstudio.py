@@ -6,7 +6,7 @@ import math
 import cv2
 import numpy as np
 import pytest
-from tolerances import FLOAT32_VALUE, FLOAT64_VALUE, LEVEL_8BIT, POSE_ROUND_TRIP
+from tolerances import FLOAT32_VALUE, FLOAT64_VALUE, LEVEL_8BIT, POSE_ROUND_TRIP, ROUNDED_ROTATION
 
 from dofbench.core.errors import InputError
 from dofbench.core.images import write_exr
@@ -82,6 +82,105 @@ def test_distortion(folder, entries, distortion, fisheye):
         (expected.fx, expected.fy, expected.cx, expected.cy), rel=FLOAT64_VALUE
     )
     assert camera.fx != given.fx
+
+
+def _angle(degrees, content):
+    for name in ("fl_x", "fl_y"):
+        content.pop(name)
+    content["camera_angle_x"] = degrees
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda c: _angle(39.6, c), r"camera_angle_x 39\.6, expected radians.*0\.6912"),
+        (lambda c: _angle(-0.5, c), "expected radians"),
+        (lambda c: _angle(0.0, c), "expected radians"),
+        (lambda c: c.update(cx=1e300), "cx 1e\\+300"),
+        (lambda c: c.update(cx=1e9), r"a principal point of 1e\+09"),
+        (lambda c: c.update(cy=-1e5), "a principal point"),
+        (lambda c: c.update(fl_x=1e300), "fl_x 1e\\+300"),
+        (lambda c: c.update(fl_x=1e9), r"focal lengths 1e\+09"),
+        (lambda c: c.update(fl_x=0.9, fl_y=0.9), "focal lengths 0.9, 0.9"),  # in shares of the width
+        (lambda c: c.update(fl_y=-52.8), "positive .*transform_matrix"),
+        (lambda c: c["frames"][1]["transform_matrix"][0].__setitem__(3, 1e9), "away from the others"),
+    ],
+)
+def test_numbers_out_of_all_proportion_are_refused(folder, change, said):
+    edit(folder, change)
+    with pytest.raises(InputError, match=said):
+        load_scene(folder)
+
+
+@pytest.mark.parametrize("scale", [0.35, 1.0])
+def test_rounded_and_scaled_matrices_are_read_and_said(folder, scale):
+    expected = load_scene(folder)
+
+    def change(content):
+        for frame in content["frames"]:
+            matrix = np.array(frame["transform_matrix"])
+            matrix[:3, :3] = scale * matrix[:3, :3].round(3)
+            frame["transform_matrix"] = matrix[:3].tolist()
+
+    edit(folder, change)
+    scene = load_scene(folder)
+    for found, given in zip(scene.views, expected.views, strict=True):
+        assert np.abs(found.camera.world_to_camera - given.camera.world_to_camera).max() < ROUNDED_ROTATION
+    assert any(("scaled" if scale != 1 else "rounded") in note for note in scene.notes) and not expected.notes
+
+
+@pytest.mark.parametrize(
+    ("written", "suffix"), [("", ".PNG"), (".png", ".PNG"), (".jpg", ".png"), (".JPG", ".png"), (".png", ".png")]
+)
+@pytest.mark.parametrize("slash", ["/", "\\"])
+def test_suffixes_slashes_and_a_byte_order_mark(folder, written, suffix, slash):
+    expected = load_scene(folder)
+    for file in sorted((folder / "images").iterdir()):
+        file.rename(file.with_suffix(suffix))
+
+    def change(content):
+        for frame in content["frames"]:
+            name = frame["file_path"].removesuffix(".png") + written
+            frame["file_path"] = f".{slash}{name.replace('/', slash)}"
+
+    edit(folder, change)
+    file = folder / "transforms.json"
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
+    scene = load_scene(folder)
+    assert [view.source.name for view in scene.views] == [f"{index}{suffix}" for index in range(4)]
+    for found, given in zip(scene.views, expected.views, strict=True):
+        assert np.array_equal(found.camera.world_to_camera, given.camera.world_to_camera)
+    assert bool(scene.notes) == (written.lower() == ".jpg")
+
+
+def test_a_suffix_that_two_images_could_have_is_refused(folder, write_images):
+    write_images(folder, ["images/0.tif.png"])
+    (folder / "images/0.tif.png").rename(folder / "images/0.tif")
+    edit(folder, lambda content: content["frames"][0].update(file_path="images/0.jpg"))
+    with pytest.raises(InputError, match=r"several images for images/0\.jpg"):
+        load_scene(folder)
+    edit(folder, lambda content: content["frames"][0].update(file_path="images/0.PNG"))
+    assert load_scene(folder).views[0].source.name == "0.png"
+
+
+@pytest.mark.parametrize("path", ["../elsewhere/0.png", "/etc/0.png", "C:\\0.png", "images/../../0.png"])
+@pytest.mark.parametrize("key", ["file_path", "depth_file_path"])
+def test_paths_that_lead_out_of_the_folder_are_refused(folder, path, key):
+    edit(folder, lambda content: content["frames"][0].update({key: path}))
+    with pytest.raises(InputError, match=r"leads out of its folder|an absolute path"):
+        load_scene(folder)
+
+
+def test_two_spellings_of_one_path_are_refused(folder):
+    edit(folder, lambda content: content["frames"][1].update(file_path="images/../images/0.png"))
+    with pytest.raises(InputError, match=r"several frames for images/0\.png"):
+        load_scene(folder)
+
+
+def test_images_without_a_frame_are_named(folder, write_images):
+    write_images(folder, ["images/extra.png"])
+    scene = load_scene(folder)
+    assert any("5 images in images, 4 with a pose" in note and "extra.png" in note for note in scene.notes)
 
 
 def test_file_path_without_suffix_and_with_a_dot(folder):

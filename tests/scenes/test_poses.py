@@ -1,13 +1,15 @@
 """Axes and rigidity of poses."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tolerances import FLOAT64_VALUE
+from tolerances import FLOAT64_VALUE, ROUNDED_ROTATION
 
 from dofbench.core.errors import InputError
-from dofbench.scenes.poses import invert, llff_to_opencv, opencv_to_llff, opengl_to_opencv, rigid
+from dofbench.scenes.poses import Mended, invert, llff_to_opencv, opencv_to_llff, opengl_to_opencv, rigid
 
 
 def random_pose(seed: int) -> np.ndarray:
@@ -45,6 +47,44 @@ def test_inverse_and_exactness(seed):
     rounded = np.round(pose, 6)
     repaired = rigid(rounded, "file", "view")[:3, :3]
     np.testing.assert_allclose(repaired.T @ repaired, np.eye(3), atol=FLOAT64_VALUE)
+
+
+@given(st.integers(0, 10_000), st.sampled_from([3, 4]), st.sampled_from([1.0, 0.35, 40.0]))
+def test_rounded_and_scaled_rotations_are_mended_and_said(seed, digits, scale):
+    pose = random_pose(seed)
+    written = pose.copy()
+    written[:3, :3] = scale * np.round(pose[:3, :3], digits)
+    mended = Mended()
+    found = rigid(written, "file", "view", mended)
+    np.testing.assert_allclose(found[:3, :3].T @ found[:3, :3], np.eye(3), atol=FLOAT64_VALUE)
+    np.testing.assert_allclose(found[:3, :3], pose[:3, :3], atol=ROUNDED_ROTATION)
+    np.testing.assert_array_equal(found[:3, 3], pose[:3, 3])
+    assert len(mended.scales) == (scale != 1)
+    assert len(mended.notes(Path("file"))) == len(mended.scales) + len(mended.off)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda rotation: rotation.round(1),
+        lambda rotation: rotation * [1, 1, 1.01],
+        lambda rotation: rotation + [[0, 0.01, 0], [0, 0, 0], [0, 0, 0]],
+        lambda rotation: -0.5 * rotation,
+        lambda rotation: 0 * rotation,
+        lambda rotation: 1e308 * rotation,
+    ],
+)
+def test_other_scales_and_shear_are_refused(change):
+    pose = random_pose(3)
+    pose[:3, :3] = change(pose[:3, :3])
+    with pytest.raises(InputError):
+        rigid(pose, "file", "view", Mended())
+
+
+def test_an_exact_rotation_is_not_mended():
+    mended = Mended()
+    assert np.array_equal(rigid(random_pose(5), "file", "view", mended), random_pose(5))
+    assert not mended.notes(Path("file"))
 
 
 @pytest.mark.parametrize(
