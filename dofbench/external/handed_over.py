@@ -12,6 +12,7 @@ from dofbench.core.contracts import TrainingSet
 from dofbench.core.exif import write_exif
 from dofbench.core.images import write_png
 from dofbench.core.lens import PhysicalLens
+from dofbench.core.masks import write_mask
 from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
 from dofbench.scenes.near_far import depth_bounds
 from dofbench.scenes.visibility import visible
@@ -30,7 +31,8 @@ class Wanted:
 def write_training_set(folder: Path, training_set: TrainingSet) -> None:
     """Write the photographs to images/NAME.png, and cameras and points in COLMAP's layout (sparse/0), LLFF's
     (poses_bounds.npy, where points give the bounds; rows in the order of the sorted files) and Nerfstudio's
-    (transforms.json); exif.json where there is EXIF.
+    (transforms.json); exif.json where there is EXIF. Masks are written to masks/NAME.png, 0 where masked, and named by
+    transforms.json as mask_path; masked pixels of the photographs are replaced by their nearest valid ones.
 
     Photographs are rounded to 8 bits, as those of a dataset are. Nothing of a test view is written.
     """
@@ -41,7 +43,12 @@ def write_training_set(folder: Path, training_set: TrainingSet) -> None:
     for file, view in zip(files, views, strict=True):
         write_png(folder / "images" / file, view.image)
     write_colmap(folder, files, cameras, points)
-    write_transforms(folder / "transforms.json", [f"images/{file}" for file in files], cameras)
+    named: list[dict[str, str]] = [{} for _ in views]
+    for entry, file, view in zip(named, files, views, strict=True):
+        if view.mask is not None:
+            write_mask(folder / "masks" / file, view.mask)
+            entry["mask_path"] = f"masks/{file}"
+    write_transforms(folder / "transforms.json", [f"images/{file}" for file in files], cameras, extra=named)
     if points is not None and len(points):
         bounds = depth_bounds([visible(points, camera, index).depth for index, camera in enumerate(cameras)])
         if bounds is not None:

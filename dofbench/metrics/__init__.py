@@ -25,7 +25,7 @@ from dofbench.metrics.ssim_uniform7 import ssim_uniform7
 
 __all__ = ["METRICS", "Metric", "metric", "score_image"]
 
-ImageMetric = Callable[[np.ndarray, np.ndarray], float]
+ImageMetric = Callable[[np.ndarray, np.ndarray, np.ndarray | None], float]
 
 
 @dataclass(frozen=True)
@@ -220,9 +220,12 @@ def metric(metric_id: str) -> Metric:
     return METRICS[metric_id]
 
 
-def score_image(prediction: np.ndarray, truth: np.ndarray, ids: Iterable[str]) -> dict[str, float]:
+def score_image(
+    prediction: np.ndarray, truth: np.ndarray, ids: Iterable[str], mask: np.ndarray | None = None
+) -> dict[str, float]:
     """The image metrics named by `ids`, in that order, of two encoded images (H, W, 3) in [0, 1].
 
+    mask: (H, W) bool, True for the pixels that are scored; None for all. What is under it has no influence.
     Raises InputError for an unknown id or one that needs more than images, ValueError for shapes
     that don't fit.
     """
@@ -231,5 +234,5 @@ def score_image(prediction: np.ndarray, truth: np.ndarray, ids: Iterable[str]) -
         function = metric(metric_id).function
         if function is None:
             raise InputError("metric", f"{metric_id!r}, which needs lenses or depth", "a metric of images")
-        scores[metric_id] = function(prediction, truth)
+        scores[metric_id] = function(prediction, truth, mask)
     return scores

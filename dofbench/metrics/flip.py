@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 
 from dofbench.metrics._images import checked
+from dofbench.metrics.masked_scores import unmasked, valid_mean
 
 # The authors' default: a display 3840 pixels wide, seen from as far away as it is wide.
 PIXELS_PER_DEGREE = 3840 * math.pi / 180
@@ -27,13 +28,13 @@ _RED, _GREEN, _BLUE = (0.64, 0.33), (0.30, 0.60), (0.15, 0.06)  # sRGB's primari
 _WHITE = (0.31271, 0.32902)  # D65 of the CIE 1931 observer, xy
 
 
-def flip(prediction: np.ndarray, truth: np.ndarray) -> float:
+def flip(prediction: np.ndarray, truth: np.ndarray, mask: np.ndarray | None = None) -> float:
     """Mean of the LDR-FLIP error map, 0 ... 1, at 67 pixels per degree.
 
-    prediction, truth: (H, W, 3), encoded (taken as sRGB), [0, 1]. Raises ValueError for shapes
-    that don't fit.
+    prediction, truth: (H, W, 3), encoded (taken as sRGB), [0, 1]. mask: as for
+    `unmasked`. Raises ValueError for shapes that don't fit.
     """
-    return float(np.mean(flip_map(prediction, truth)))
+    return valid_mean(flip_map(*unmasked(prediction, truth, mask)), mask)
 
 
 def flip_map(prediction: np.ndarray, truth: np.ndarray) -> np.ndarray:

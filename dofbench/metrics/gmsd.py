@@ -11,20 +11,24 @@ from __future__ import annotations
 import numpy as np
 
 from dofbench.metrics._images import checked
+from dofbench.metrics.masked_scores import unmasked
 
 _LUMA = np.array([0.299, 0.587, 0.114])  # Rec. 601, what the authors' images were converted by
 _C = 170.0  # section III-C, for values of 0 ... 255
 _SMALLEST = 3  # pixels; leaves 2 x 2 values whose deviation can be taken
 
 
-def gmsd(prediction: np.ndarray, truth: np.ndarray) -> float:
+def gmsd(prediction: np.ndarray, truth: np.ndarray, mask: np.ndarray | None = None) -> float:
     """Deviation of the gradient similarity over the pixels of the halved luma images; 0 is best.
 
-    prediction, truth: (H, W, 3), encoded, [0, 1]. Raises ValueError for shapes that don't fit or
-    sides under 3 pixels.
+    prediction, truth: (H, W, 3), encoded, [0, 1]. mask: as for `unmasked`; a halved pixel counts if any of its four
+    is valid. Raises ValueError for shapes that don't fit or sides under 3 pixels.
     """
-    a, b = (_gradient(_halved(255.0 * (image @ _LUMA))) for image in checked(prediction, truth, smallest=_SMALLEST))
+    images = checked(*unmasked(prediction, truth, mask), smallest=_SMALLEST)
+    a, b = (_gradient(_halved(255.0 * (image @ _LUMA))) for image in images)
     similarity = (2 * a * b + _C) / (a * a + b * b + _C)
+    if mask is not None and np.count_nonzero(kept := _halved(mask.astype(np.float64)) > 0) > 1:
+        similarity = similarity[kept]
     return float(np.std(similarity, ddof=1))
 
 

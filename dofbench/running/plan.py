@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
+
+import numpy as np
 
 from dofbench.core.contracts import Decision
 from dofbench.core.errors import InputError
@@ -40,7 +42,8 @@ class RunPlan:
 
     options: what the method is created with. facts: what the training photographs show, as `Facts`. lenses: as
     `dealt_lenses`. points: where the dataset's points and poses come from; None where it doesn't say. columns: scores
-    that will be measured. left_out: scores that will not, with the reason.
+    that will be measured. left_out: scores that will not, with the reason. masked: share of the pixels that are neither
+    trained on nor scored, by split; empty for a dataset without masks.
     """
 
     options: dict[str, Any]
@@ -52,11 +55,13 @@ class RunPlan:
     stages: tuple[Stage, ...]
     columns: tuple[str, ...]
     left_out: dict[str, str]
+    masked: dict[str, float] = field(default_factory=dict)
 
     def as_data(self) -> dict[str, Any]:
         """Plain data, for the result, whose spec has the options."""
         points = None if self.points is None else self.points.model_dump(mode="json")
-        return {**{key: value for key, value in asdict(self).items() if key != "options"}, "points": points}
+        skipped = {"options", *(() if self.masked else ("masked",))}
+        return {**{key: value for key, value in asdict(self).items() if key not in skipped}, "points": points}
 
     def lines(self) -> list[str]:
         """The plan as text, one line a fact."""
@@ -65,6 +70,9 @@ class RunPlan:
             points_in_words(self.points),
             "options " + (", ".join(f"{key}={value}" for key, value in self.options.items()) or "the method's own"),
         ]
+        if self.masked:
+            shares = ", ".join(f"{share:.1%} of the {split} views' pixels" for split, share in self.masked.items())
+            lines.append(f"masked, neither trained on nor scored: {shares}")
         lines += [stage.line() for stage in self.stages]
         lines.append("scores " + (", ".join(self.columns) or "none"))
         reasons: dict[str, list[str]] = {}
@@ -72,6 +80,18 @@ class RunPlan:
             reasons.setdefault(reason, []).append(column)
         lines += [f"no {', '.join(columns)}: {reason}" for reason, columns in reasons.items()]
         return lines
+
+
+def masked_shares(dataset: BenchmarkDataset) -> dict[str, float]:
+    """Share of the pixels that are masked, by split; empty for a dataset without masks."""
+    if not any(view.has_mask for view in dataset.views):
+        return {}
+    shares = {}
+    for split in ("train", "test"):
+        views = [view for view in dataset.views if view.split == split]
+        masked = [0 if (mask := dataset.mask(view)) is None else int(np.count_nonzero(~mask)) for view in views]
+        shares[split] = sum(masked) / max(1, sum(view.camera.width * view.camera.height for view in views))
+    return shares
 
 
 def dealt_lenses(dataset: BenchmarkDataset) -> dict[str, Any]:
@@ -139,6 +159,7 @@ def make_plan(
         stages=tuple(stages),
         columns=tuple(column for column in every if column not in left_out),
         left_out=left_out,
+        masked=masked_shares(dataset),
     )
 
 

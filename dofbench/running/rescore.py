@@ -29,7 +29,7 @@ from dofbench.results.result import RESULT_FILE, Result
 from dofbench.results.run_lease import run_lease
 from dofbench.running.load_run import LoadedRun, load_run
 from dofbench.running.method_cards import find_method
-from dofbench.scoring.evaluate import PREFIX, WHOLE, Kind, depth_scores
+from dofbench.scoring.evaluate import PREFIX, WHOLE, Kind, depth_scores, true_depth
 from dofbench.scoring.ground_truth import missing_truth
 
 SAME = 1e-6  # relative, between a score and the same one computed again from the same pictures
@@ -182,7 +182,7 @@ def _of_pictures(run: LoadedRun, kind: Kind, columns: list[str]) -> dict[str, di
     for view in run.dataset.test_views():
         picture, truth = read_image(run.prediction(kind, view.name)), read(view)
         assert truth is not None
-        scores = score_image(picture, truth, metrics)
+        scores = score_image(picture, truth, metrics, run.dataset.mask(view))
         views[view.name] = {prefix + metric: float(value) for metric, value in scores.items()}
     return views
 
@@ -190,7 +190,7 @@ def _of_pictures(run: LoadedRun, kind: Kind, columns: list[str]) -> dict[str, di
 def _of_depth(method: Method, dataset: Dataset) -> dict[str, dict[str, float]]:
     views = {}
     for view in dataset.test_views():
-        found, truth = np.asarray(method.render(view.camera, None).depth), dataset.depth(view)
+        found, truth = np.asarray(method.render(view.camera, None).depth), true_depth(dataset, view)
         assert truth is not None and dataset.disparity_range is not None
         views[view.name] = depth_scores(found, truth, dataset.disparity_range)
     return views

@@ -22,6 +22,7 @@ from dofbench.dataset.benchmark_dataset import BenchmarkDataset, BenchmarkView
 from dofbench.metrics import score_image
 from dofbench.metrics.depth_errors import disparity_error, relative_error
 from dofbench.metrics.lens_errors import do_nothing_errors, lens_errors
+from dofbench.metrics.masked_scores import unmasked
 from dofbench.results.protocol import (
     ACROSS_COLUMNS,
     ACROSS_PREFIX,
@@ -94,6 +95,7 @@ class Evaluator:
         self._test = dataset.test_views()
         self._train = dataset.training_views()
         self._truth: dict[tuple[Kind, str], np.ndarray] = {}
+        self._masks: dict[str, np.ndarray | None] = {}
         self._refused: str | None = None
 
     def quick(self) -> dict[str, float]:
@@ -182,6 +184,8 @@ class Evaluator:
         circles = ResolvedCircles(self._method, photographs)
         for view in pictures.each(self._test):
             smallest = circles.smallest(view.camera)
+            if (mask := self._mask(view)) is not None:
+                smallest = np.where(mask, smallest, np.nan)
             rows[view.name][RESOLVED_COLUMN] = resolved_share(smallest)
             relative = f"predictions/resolved/{view.name}.png"
             write_png(folder / relative, resolved_map(smallest))
@@ -279,7 +283,7 @@ class Evaluator:
         return [metric for metric in metrics if PREFIX[kind] + metric in self._columns]
 
     def _depth_errors(self, view: BenchmarkView, found: Evaluation) -> dict[str, float]:
-        depth, truth = np.asarray(self._rendered("all_in_focus", view).depth), self._dataset.depth(view)
+        depth, truth = np.asarray(self._rendered("all_in_focus", view).depth), true_depth(self._dataset, view)
         assert truth is not None
         if depth.shape != truth.shape:
             raise ValueError(f"render: expected depth of shape {truth.shape}, found {depth.shape}")
@@ -304,7 +308,7 @@ class Evaluator:
     def _score(self, image: np.ndarray, kind: Kind, view: BenchmarkView, metrics: list[str]) -> dict[str, float]:
         if not np.isfinite(image).all():
             return {PREFIX[kind] + metric: math.nan for metric in metrics}
-        scores = score_image(image, self._true_image(kind, view), metrics)
+        scores = score_image(image, self._true_image(kind, view), metrics, self._mask(view))
         return {PREFIX[kind] + metric: float(scores[metric]) for metric in metrics}
 
     def _true_image(self, kind: Kind, view: BenchmarkView) -> np.ndarray:
@@ -316,8 +320,13 @@ class Evaluator:
             self._truth[key] = image
         return self._truth[key]
 
+    def _mask(self, view: BenchmarkView) -> np.ndarray | None:
+        if view.name not in self._masks:
+            self._masks[view.name] = self._dataset.mask(view)
+        return self._masks[view.name]
+
     def _write(self, folder: Path, kind: Kind, view: BenchmarkView, image: np.ndarray, found: Evaluation) -> None:
-        picture = error_map(image, self._true_image(kind, view))
+        picture = error_map(*unmasked(image, self._true_image(kind, view), self._mask(view)))
         for name, pixels in ((kind, image), (f"{kind}_error", picture)):
             relative = f"predictions/{name}/{view.name}.png"
             write_png(folder / relative, pixels)
@@ -367,7 +376,7 @@ class Evaluator:
         return {view.name: view.camera.width for view in self._train}
 
     def _depths(self) -> dict[str, np.ndarray | None]:
-        return {view.name: self._dataset.depth(view) for view in self._train}
+        return {view.name: true_depth(self._dataset, view) for view in self._train}
 
 
 class _Counted:
@@ -384,6 +393,12 @@ class _Counted:
             yield item
             self._done += 1
             self._progress(self._stage, self._done, self._total)
+
+
+def true_depth(dataset: BenchmarkDataset, view: BenchmarkView) -> np.ndarray | None:
+    """The view's depth, unknown (0) where it is masked; None if it has none."""
+    depth, mask = dataset.depth(view), dataset.mask(view)
+    return depth if depth is None or mask is None else np.where(mask, depth, np.float32(0))
 
 
 def depth_scores(depth: np.ndarray, truth: np.ndarray, disparity_range: DisparityRange) -> dict[str, float]:

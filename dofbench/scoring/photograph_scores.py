@@ -10,6 +10,7 @@ import numpy as np
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Method
+from dofbench.core.masks import filled
 from dofbench.dataset.benchmark_dataset import BenchmarkDataset, BenchmarkView
 from dofbench.results.protocol import ACROSS_COLUMNS, ACROSS_PREFIX, PHOTO_PREFIX
 from dofbench.results.result import HalfFitted, ViewFit
@@ -72,15 +73,23 @@ def scored_photographs(
         return
     learned, cameras = method.lens_estimates(), _training_cameras(dataset)
     for view in views:
-        photograph = dataset.image(view)
+        photograph, mask = true_photograph(dataset, view)
         effort = QUICK if quick else THOROUGH
-        found = predict(method, view.camera, photograph, learned, effort, cameras=cameras, no_lens=no_lens)
+        found = predict(method, view.camera, photograph, learned, effort, cameras=cameras, no_lens=no_lens, mask=mask)
         yield Scored(view, photograph, found, prediction_scores(found, photograph))
 
 
-def picture_scores(picture: np.ndarray, photograph: np.ndarray, prefix: str = PHOTO_PREFIX) -> dict[str, float]:
-    """PSNR and SSIM of an assembled picture, (H, W, 3), encoded, at 8-bit levels."""
-    tiles = Tiles.of(*photograph.shape[:2])
+def true_photograph(dataset: BenchmarkDataset, view: BenchmarkView) -> tuple[np.ndarray, np.ndarray | None]:
+    """(photograph with its masked pixels replaced by the nearest valid ones, mask or None)."""
+    photograph, mask = dataset.image(view), dataset.mask(view)
+    return (photograph if mask is None else filled(photograph, mask)), mask
+
+
+def picture_scores(
+    picture: np.ndarray, photograph: np.ndarray, prefix: str = PHOTO_PREFIX, mask: np.ndarray | None = None
+) -> dict[str, float]:
+    """PSNR and SSIM of an assembled picture, (H, W, 3), encoded, at 8-bit levels; mask: (H, W), or None."""
+    tiles = Tiles.of(*photograph.shape[:2], mask)
     return {
         f"{prefix}psnr": masked_psnr(picture, photograph, tiles.inside),
         f"{prefix}ssim": tiled_ssim(picture, photograph, tiles),
@@ -93,7 +102,7 @@ def prediction_scores(found: Prediction, photograph: np.ndarray) -> dict[str, fl
     if found.picture is None:
         columns = ("photo_psnr", "photo_ssim", *(() if found.refused else ("photo_blur_psnr",)))
         return dict.fromkeys(columns, math.nan)
-    scores = picture_scores(found.picture, photograph)
+    scores = picture_scores(found.picture, photograph, mask=found.tiles.mask)
     if not found.refused and found.blurred is not None:
         scores["photo_blur_psnr"] = masked_psnr(found.blurred, photograph, found.tiles.inside)
     return scores
@@ -110,7 +119,7 @@ def _across(
     strata, cameras = {} if quick else blurred_thirds(dataset), _training_cameras(dataset)
     for view in views:
         assert trained is not None and view.exif is not None and view.exif.f_number is not None
-        photograph = dataset.image(view)
+        photograph, mask = true_photograph(dataset, view)
         found = predict_across(
             method,
             view.camera,
@@ -121,6 +130,7 @@ def _across(
             cameras=cameras,
             no_lens=no_lens,
             unscaled=not quick,
+            mask=mask,
         )
         inside, third = found.scaled.tiles.inside, strata.get(view.name)
         pictures = {ACROSS_PREFIX: found.scaled.picture, "in_focus_": found.in_focus}
@@ -130,9 +140,9 @@ def _across(
         if third is not None:
             masks |= {"blurred_psnr": third == BLURRED, "clear_psnr": third == CLEAR}
         scores = {
-            prefix + name: math.nan if picture is None else masked_psnr(picture, photograph, mask)
+            prefix + name: math.nan if picture is None else masked_psnr(picture, photograph, pixels)
             for prefix, picture in pictures.items()
-            for name, mask in masks.items()
+            for name, pixels in masks.items()
             if prefix + name in ACROSS_COLUMNS
         }
         scores["across_ssim"] = (
@@ -153,13 +163,13 @@ def blurred_thirds(dataset: BenchmarkDataset) -> dict[str, np.ndarray]:
     if dataset.points is None:
         return {}
     shots = {
-        split: [(view.camera, dataset.image(view)) for view in dataset.views if view.split == split]
+        split: [(view.camera, *true_photograph(dataset, view)) for view in dataset.views if view.split == split]
         for split in ("train", "test")
     }
     ratio = sharpness_ratio(dataset.points, shots["train"], shots["test"])
     found = {}
     for view in dataset.test_views():
-        inside = Tiles.of(view.camera.height, view.camera.width).inside
+        inside = Tiles.of(view.camera.height, view.camera.width, dataset.mask(view)).inside
         third = thirds(dataset.points, ratio, view.camera, inside)
         if third is None:
             return {}

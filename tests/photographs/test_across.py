@@ -86,8 +86,8 @@ def test_where_the_training_photographs_are_blurred() -> None:
     random = np.random.default_rng(1)
     plane = random.uniform(-0.45, 0.45, (600, 2))
     points = cloud(np.concatenate([plane, np.ones((600, 1))], axis=1))
-    training = [(CAMERA, 0.5 * wall(WIDTH / 2, CAMERA))] * 3  # half as bright, which doesn't count
-    test = [(CAMERA, wall(WIDTH, CAMERA))] * 3
+    training = [(CAMERA, 0.5 * wall(WIDTH / 2, CAMERA), None)] * 3  # half as bright, which doesn't count
+    test = [(CAMERA, wall(WIDTH, CAMERA), None)] * 3
     ratio = sharpness_ratio(points, training, test)
     xy, _ = CAMERA.project(points.xyz)
     known, right = np.isfinite(ratio), xy[:, 0] > WIDTH / 2 + 10

@@ -57,14 +57,16 @@ def predict_across(
     cameras: Mapping[str, Camera] | None = None,
     no_lens: str = "",
     unscaled: bool = True,
+    mask: np.ndarray | None = None,
 ) -> AcrossPrediction:
     """Predict a photograph whose f-number is 1 / `ratio` times that of the training views.
 
     photograph: (H, W, 3) float32, encoded. learned, cameras, no_lens: as in `predict`; a method without
-    learned lenses has no aperture to scale. unscaled: whether to predict by the unscaled aperture too.
+    learned lenses has no aperture to scale. unscaled: whether to predict by the unscaled aperture too. mask: as in
+    `predict`.
     """
     start = time.perf_counter()
-    tiles = Tiles.of(camera.height, camera.width)
+    tiles = Tiles.of(camera.height, camera.width, mask)
     image, depth, bad = sharp_rendering(method, camera)
     if bad:
         nothing = Prediction(None, None, (), tiles, no_lens, bad, time.perf_counter() - start)

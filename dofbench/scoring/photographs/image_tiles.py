@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dofbench.metrics.masked_scores import centre, unmasked
 from dofbench.metrics.ssim import ssim_map
 
 TILES = 8  # number of tiles along the shorter side
@@ -18,34 +19,46 @@ MARGIN = 1 / 8
 @dataclass(frozen=True, eq=False)
 class Tiles:
     """The tiles of an image. half: (H, W), 0 or 1 by tile, like the squares of a chessboard, beginning with 0. inside:
-    (H, W), the pixels that are scored. side: of a tile, px."""
+    (H, W), the pixels that are scored. side: of a tile, px. mask: (H, W), True for the pixels that a fit may use and
+    that may be scored; None for all."""
 
     half: np.ndarray
     inside: np.ndarray
     side: int
+    mask: np.ndarray | None = None
 
     @staticmethod
-    def of(height: int, width: int) -> Tiles:
+    def of(height: int, width: int, mask: np.ndarray | None = None) -> Tiles:
         """Tiles with an eighth of the shorter side, at least 16 px; tiles at the right and lower edge may be cut
-        off."""
+        off. Where all pixels away from the tiles' borders are masked, the valid ones at borders are scored."""
         side = max(SMALLEST, round(min(height, width) / TILES))
         margin = max(1, round(side * MARGIN))
         rows, columns = np.arange(height), np.arange(width)
         half = (rows[:, None] // side + columns[None, :] // side) % 2
-        return Tiles(half.astype(np.uint8), _inner(rows, side, margin)[:, None] & _inner(columns, side, margin), side)
+        inside = _inner(rows, side, margin)[:, None] & _inner(columns, side, margin)
+        if mask is not None:
+            inside = inside & mask if (inside & mask).any() else mask
+        return Tiles(half.astype(np.uint8), inside, side, mask)
 
     def fitted(self, half: int) -> np.ndarray:
-        """(H, W) bool: the pixels that a fit on that half uses, which are all pixels of the half."""
-        return self.half == half
+        """(H, W) bool: the pixels that a fit on that half uses, which are all valid pixels of the half; those of both
+        halves where it has none."""
+        own = self.half == half
+        if self.mask is None:
+            return own
+        return own & self.mask if (own & self.mask).any() else self.mask
 
     def scored(self, half: int) -> np.ndarray:
         """(H, W) bool: the pixels of that half that are scored."""
         return self.inside & (self.half == half)
 
     def shrunk(self, factor: int, half: int) -> np.ndarray:
-        """(H // factor, W // factor) bool: the cells of factor x factor pixels that lie completely in that half."""
-        cells = _cells((self.half == half)[..., None].astype(np.float32), factor)[..., 0]
-        return cells.mean(axis=(1, 3)) == 1
+        """(H // factor, W // factor) bool: the cells of factor x factor pixels that lie completely in that half, and
+        of which all are valid; where there are none such, those with a pixel that is `fitted`, or else all."""
+        share = _cells(self.fitted(half)[..., None].astype(np.float32), factor)[..., 0].mean(axis=(1, 3))
+        if self.mask is None or (share == 1).any():
+            return share == 1
+        return share > 0 if (share > 0).any() else share >= 0
 
 
 def shrink(image: np.ndarray, factor: int) -> np.ndarray:
@@ -66,15 +79,17 @@ def masked_psnr(prediction: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> 
 
 
 def tiled_ssim(prediction: np.ndarray, truth: np.ndarray, tiles: Tiles) -> float:
-    """Mean SSIM over the windows that lie within one tile, so that no window covers both halves. Images as for
-    `metrics.ssim`."""
-    similarity = ssim_map(prediction, truth)
+    """Mean SSIM over the windows that lie within one tile, so that no window covers both halves, and are centred on a
+    valid pixel. Images and masks as for `metrics.ssim`."""
+    similarity = ssim_map(*unmasked(prediction, truth, tiles.mask))
     reach = tiles.half.shape[0] - similarity.shape[0]  # size of a window minus one pixel
     first, last = slice(None, similarity.shape[0]), slice(reach, None)
     across = slice(None, similarity.shape[1]), slice(reach, None)
     rows = np.arange(tiles.half.shape[0]) // tiles.side
     columns = np.arange(tiles.half.shape[1]) // tiles.side
     whole = (rows[first] == rows[last])[:, None] & (columns[across[0]] == columns[across[1]])
+    if tiles.mask is not None and (valid := whole & centre(tiles.mask, similarity)).any():
+        whole = valid
     return float(similarity[whole].mean(dtype=np.float64))
 
 

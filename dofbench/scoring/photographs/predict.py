@@ -85,8 +85,11 @@ def predict(
     *,
     cameras: Mapping[str, Camera] | None = None,
     no_lens: str = "",
+    mask: np.ndarray | None = None,
 ) -> Prediction:
     """Fit lens and colours on each half of the photograph, and predict the other half.
+
+    mask: (H, W) bool, True for the pixels that are fitted and scored; None for all.
 
     photograph: (H, W, 3) float32, encoded. learned: the lenses of the training views, as a starting point of the
     search. cameras: theirs, from which the lenses are transferred to `camera`; without, all are `camera`. no_lens: why
@@ -95,7 +98,7 @@ def predict(
     another size.
     """
     start = time.perf_counter()
-    tiles = Tiles.of(camera.height, camera.width)
+    tiles = Tiles.of(camera.height, camera.width, mask)
     image, depth, bad = sharp_rendering(method, camera)
     if bad:
         return Prediction(None, None, (), tiles, no_lens, bad, time.perf_counter() - start)
@@ -221,7 +224,7 @@ def assembled(images: list[np.ndarray], photograph: np.ndarray, tiles: Tiles) ->
     there."""
     picture = np.zeros_like(photograph, dtype=np.float32)
     for half, image in zip(HALVES, images, strict=True):
-        own, other = tiles.fitted(half), tiles.fitted(1 - half)
+        own, other = tiles.fitted(half), tiles.half == 1 - half
         picture[other] = recoloured(image[other], colour_map(image[own], photograph[own]))
     return from_8bit(to_8bit(picture))
 

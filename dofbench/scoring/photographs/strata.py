@@ -22,7 +22,8 @@ FEWEST = 64  # fewest such points for a meaningful map
 NEAREST = 8  # number of nearest points from which a pixel's value is interpolated
 _LEAST = 1e-6  # energies of gradients below this are raised to it
 
-Shot = tuple[Camera, np.ndarray]  # a photograph: its camera, and its image (H, W, 3), encoded
+# A photograph: its camera, its image (H, W, 3), encoded, and its mask (H, W), True where valid, or None
+Shot = tuple[Camera, np.ndarray, np.ndarray | None]
 
 
 def sharpness_ratio(points: PointCloud, training: Sequence[Shot], test: Sequence[Shot]) -> np.ndarray:
@@ -37,8 +38,8 @@ def sharpness_ratio(points: PointCloud, training: Sequence[Shot], test: Sequence
     medians = []
     for shots in (training, test):
         found = np.full((len(shots), len(points)), np.nan)
-        for row, (camera, image) in zip(found, shots, strict=True):
-            seen = visible(untracked, camera, 0)
+        for row, (camera, image, mask) in zip(found, shots, strict=True):
+            seen = visible(untracked, camera, 0).within(mask)
             if len(seen.index):
                 at = np.floor(seen.xy).astype(int)
                 row[seen.index] = gradient_energy(image)[at[:, 1], at[:, 0]]
