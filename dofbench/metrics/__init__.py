@@ -8,9 +8,9 @@ here does. A NaN in either image gives NaN, never a number.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -25,7 +25,12 @@ from dofbench.metrics.ssim_uniform7 import ssim_uniform7
 
 __all__ = ["METRICS", "Metric", "metric", "score_image"]
 
-ImageMetric = Callable[[np.ndarray, np.ndarray, np.ndarray | None], float]
+
+class ImageMetric(Protocol):
+    """Scores two images (H, W, 3). mask: (H, W) bool, True for the pixels to score; it isn't passed where all are."""
+
+    def __call__(self, prediction: np.ndarray, truth: np.ndarray, mask: np.ndarray | None = None, /) -> float:
+        """The score."""
 
 
 @dataclass(frozen=True)
@@ -234,5 +239,5 @@ def score_image(
         function = metric(metric_id).function
         if function is None:
             raise InputError("metric", f"{metric_id!r}, which needs lenses or depth", "a metric of images")
-        scores[metric_id] = function(prediction, truth, mask)
+        scores[metric_id] = function(prediction, truth) if mask is None else function(prediction, truth, mask)
     return scores

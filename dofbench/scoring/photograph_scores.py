@@ -89,7 +89,8 @@ def picture_scores(
     picture: np.ndarray, photograph: np.ndarray, prefix: str = PHOTO_PREFIX, mask: np.ndarray | None = None
 ) -> dict[str, float]:
     """PSNR and SSIM of an assembled picture, (H, W, 3), encoded, at 8-bit levels; mask: (H, W), or None."""
-    tiles = Tiles.of(*photograph.shape[:2], mask)
+    height, width = photograph.shape[:2]
+    tiles = Tiles.of(height, width, mask)
     return {
         f"{prefix}psnr": masked_psnr(picture, photograph, tiles.inside),
         f"{prefix}ssim": tiled_ssim(picture, photograph, tiles),
