@@ -21,7 +21,7 @@ from dofbench.results.added_scores import read_added
 from dofbench.results.protocol import ACROSS_COLUMNS, LENS_COLUMNS
 from dofbench.results.result import Result
 from dofbench.running.load_run import LoadedRun
-from dofbench.scoring.evaluate import CURVE_METRICS, PREFIX, WHOLE, Kind
+from dofbench.scoring.evaluate import CURVE_METRICS, PREFIX, WHOLE, Kind, true_depth
 from dofbench.scoring.photograph_scores import BLURRED, CLEAR, blurred_thirds, picture_scores
 from dofbench.scoring.photographs.image_tiles import masked_psnr
 
@@ -96,10 +96,10 @@ def _scores_again(
         assert truth is not None
         picture = read_image(run.prediction(kind, view.name))
         if kind in WHOLE:
-            scores = score_image(picture, truth, [column.removeprefix(prefix) for column in own])
+            scores = score_image(picture, truth, [column.removeprefix(prefix) for column in own], dataset.mask(view))
             again |= {prefix + metric: float(value) for metric, value in scores.items()}
             continue
-        scores = picture_scores(picture, truth, prefix)
+        scores = picture_scores(picture, truth, prefix, dataset.mask(view))
         if view.name in thirds:
             scores |= {column: masked_psnr(picture, truth, thirds[view.name] == of) for column, of in _STRATA.items()}
         again |= {column: value for column, value in scores.items() if column in own}
@@ -130,7 +130,7 @@ def _lenses(result: Result, dataset: Dataset) -> Iterator[str]:
     for view in result.lens:
         if (view.aperture, view.focus) != (true[view.name].aperture, true[view.name].focus):
             yield f"view {view.name}: another true lens than that of {dataset.folder}"
-    width, depths = train[0].camera.width, {view.name: dataset.depth(view) for view in train}
+    width, depths = train[0].camera.width, {view.name: true_depth(dataset, view) for view in train}
     if result.do_nothing:
         nothing = do_nothing_errors(true, disparity_range, width, depths)
         for column in LENS_COLUMNS:
