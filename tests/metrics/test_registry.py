@@ -46,6 +46,8 @@ def test_ids() -> None:
         "depth_rel",
         "exif_spread",
         "exif_ratio",
+        "exif_focus",
+        "exif_focus_scatter",
     ]
     for key, entry in METRICS.items():
         assert entry.id == key
