@@ -75,15 +75,20 @@ def read_stored_camera(path: Path) -> np.ndarray:
 
 def camera_tags(path: Path) -> dict[str, Any]:
     """EXIF tags by OpenImageIO's names; empty where there are none, or none can be read."""
-    if missing_package(path):
-        return {}
-    if path.suffix.lower() in RAW_SUFFIXES:
-        return _raw_tags(path)
     try:
-        exif = _heif(path).to_pillow().getexif() if path.suffix.lower() in HEIF_SUFFIXES else _avif(path).getexif()
-        own = exif.get_ifd(0x8769)
-    except (InputError, OSError, ValueError, SyntaxError):
+        return _by_suffix(path, lambda path: _exif_tags(_heif(path).to_pillow()), _avif_tags, _raw_tags)
+    except InputError:
         return {}
+
+
+def _avif_tags(path: Path) -> dict[str, Any]:
+    with _avif(path) as image:
+        return _exif_tags(image)
+
+
+def _exif_tags(image: Any) -> dict[str, Any]:
+    exif = image.getexif()
+    own = exif.get_ifd(0x8769)
     found = {name: exif[tag] for tag, name in _FIRST.items() if tag in exif}
     found |= {name: own[tag] for tag, name in _OWN.items() if tag in own}
     return {name: value if isinstance(value, str | int) else _number(value) for name, value in found.items()}
@@ -95,7 +100,13 @@ def _by_suffix(path: Path, heif: Callable[[Path], Any], avif: Callable[[Path], A
         raise InputError(path, f"a {suffix[1:].upper()} file, and {package}, which reads it, isn't installed", _INSTALL)
     if not path.is_file():
         raise InputError(path, "no such file", "an image file")
-    return (heif if suffix in HEIF_SUFFIXES else avif if suffix in AVIF_SUFFIXES else raw)(path)
+    try:
+        return (heif if suffix in HEIF_SUFFIXES else avif if suffix in AVIF_SUFFIXES else raw)(path)
+    except InputError:
+        raise
+    except Exception as error:  # of damaged files the decoders raise errors of many kinds, IndexError among them
+        lines = str(error).strip().splitlines() or [type(error).__name__]
+        raise InputError(path, f"no readable image ({lines[0]})", "an image file") from None
 
 
 def _number(value: Any) -> Any:
@@ -105,18 +116,10 @@ def _number(value: Any) -> Any:
         return None
 
 
-def _unreadable(path: Path, error: Exception) -> InputError:
-    lines = str(error).strip().splitlines() or [type(error).__name__]
-    return InputError(path, f"no readable image ({lines[0]})", "an image file")
-
-
 def _heif(path: Path) -> Any:
     import pillow_heif
 
-    try:
-        return pillow_heif.open_heif(path, convert_hdr_to_8bit=False)
-    except (OSError, ValueError, SyntaxError, RuntimeError, EOFError) as error:
-        raise _unreadable(path, error) from None
+    return pillow_heif.open_heif(path, convert_hdr_to_8bit=False)
 
 
 def _heif_size(path: Path) -> tuple[int, int]:
@@ -134,10 +137,7 @@ def _heif_coding(path: Path) -> Coding:
 
 def _read_heif(path: Path) -> np.ndarray:
     opened = _heif(path)
-    try:
-        levels = np.asarray(opened)
-    except (OSError, ValueError, RuntimeError, EOFError) as error:
-        raise _unreadable(path, error) from None
+    levels = np.asarray(opened)
     # libheif's values of 10 or 12 bits come shifted to the upper end of 16.
     bits = int(opened.info.get("bit_depth", 8))
     most = 255 if levels.dtype == np.uint8 else ((1 << bits) - 1) << (16 - bits)
@@ -147,10 +147,7 @@ def _read_heif(path: Path) -> np.ndarray:
 def _avif(path: Path) -> Any:
     from PIL import Image
 
-    try:
-        return Image.open(path, formats=["AVIF"])
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise _unreadable(path, error) from None
+    return Image.open(path, formats=["AVIF"])
 
 
 def _avif_size(path: Path) -> tuple[int, int]:
@@ -175,10 +172,7 @@ def _read_avif(path: Path) -> np.ndarray:
     from PIL import ImageOps
 
     with _avif(path) as image:
-        try:
-            levels = np.asarray(ImageOps.exif_transpose(image))
-        except (OSError, ValueError, SyntaxError) as error:
-            raise _unreadable(path, error) from None
+        levels = np.asarray(ImageOps.exif_transpose(image))
     return _over_black(levels.astype(np.float32) / np.float32(255.0), path)
 
 
@@ -196,11 +190,8 @@ def _over_black(values: np.ndarray, path: Path) -> np.ndarray:
 def _raw_size(path: Path) -> tuple[int, int]:
     import rawpy
 
-    try:
-        with rawpy.imread(str(path)) as raw:
-            width, height, turned = raw.sizes.width, raw.sizes.height, raw.sizes.flip in (5, 6)
-    except (rawpy.LibRawError, OSError, ValueError) as error:
-        raise _unreadable(path, error) from None
+    with rawpy.imread(str(path)) as raw:
+        width, height, turned = raw.sizes.width, raw.sizes.height, raw.sizes.flip in (5, 6)
     return (height, width) if turned else (width, height)
 
 
@@ -208,11 +199,8 @@ def _raw_tags(path: Path) -> dict[str, Any]:
     """What LibRaw says of the picture; it writes 0, or no name, where it knows nothing, and 1970 for no time."""
     import rawpy
 
-    try:
-        with rawpy.imread(str(path)) as raw:
-            about, lens = raw.other, raw.lens
-    except (rawpy.LibRawError, OSError, ValueError, AttributeError):
-        return {}
+    with rawpy.imread(str(path)) as raw:
+        about, lens = raw.other, raw.lens
     known = {
         "FNumber": about.aperture,
         "Exif:FocalLength": about.focal_length,
@@ -227,15 +215,12 @@ def _raw_tags(path: Path) -> dict[str, Any]:
 def _read_raw(path: Path) -> np.ndarray:
     import rawpy
 
-    try:
-        with rawpy.imread(str(path)) as raw:
-            levels = raw.postprocess(
-                use_camera_wb=True,
-                no_auto_bright=True,
-                gamma=(1, 1),
-                output_bps=16,
-                output_color=rawpy.ColorSpace.sRGB,
-            )
-    except (rawpy.LibRawError, OSError, ValueError) as error:
-        raise _unreadable(path, error) from None
+    with rawpy.imread(str(path)) as raw:
+        levels = raw.postprocess(
+            use_camera_wb=True,
+            no_auto_bright=True,
+            gamma=(1, 1),
+            output_bps=16,
+            output_color=rawpy.ColorSpace.sRGB,
+        )
     return np.ascontiguousarray(levels, dtype=np.float32) / np.float32(65535.0)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from dofbench.core.errors import InputError
+from dofbench.core.errors import InputError, first_line
 from dofbench.core.exr_parts import picture_part
 from dofbench.core.icc import profile_kind, profile_name
 from dofbench.core.primaries import ADOBE_GAMMA, ADOBE_RGB, BT_2020, DISPLAY_P3, SRGB, Chromaticities
@@ -75,11 +75,18 @@ def coding_of(path: Path) -> Coding:
     Raises InputError for a file that is understood only in part: HDR encodings, Lab, inks without a profile, several
     pages, a damaged ICC profile, a colour space of unknown name.
     """
+    try:
+        return _of_header(path)
+    except UnicodeDecodeError as error:
+        raise InputError(path, f"a damaged header ({error.reason})", "an image file") from None
+
+
+def _of_header(path: Path) -> Coding:
     import OpenImageIO as oiio
 
     opened = oiio.ImageInput.open(str(path))
     if opened is None:
-        oiio.geterror()  # else it is kept, and printed when the program ends
+        first_line(oiio.geterror)  # else it is kept, and printed when the program ends
         return USUAL
     spec, kind = opened.spec(), opened.format_name()
     if kind == "tiff":
@@ -190,7 +197,10 @@ def _of_name(path: Path, stated: str) -> Coding:
     import OpenImageIO as oiio
 
     config = oiio.ColorConfig("ocio://default")
-    name = config.resolve(stated)
+    try:
+        name = config.resolve(stated)
+    except TypeError:  # a name that isn't UTF-8
+        name = ""
     if "PQ" in name or "HLG" in name or "HDR" in name or name not in config.getColorSpaceNames():
         raise InputError(path, f"the colour space {stated!r}", "one that OpenImageIO knows, such as linear or sRGB")
     if name.startswith("sRGB Encoded Rec.709") or name.startswith("sRGB - "):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dofbench.core.coding import Coding
-from dofbench.core.errors import InputError
+from dofbench.core.errors import InputError, first_line
 from dofbench.core.icc import light_of
 from dofbench.core.primaries import SRGB, matrix, srgb_decode, srgb_encode
 
@@ -52,5 +52,5 @@ def _by_name(values: np.ndarray, space: str) -> np.ndarray:
     light = oiio.ImageBufAlgo.colorconvert(source, space, _LINEAR_SRGB, colorconfig="ocio://default")
     pixels = None if light.has_error else light.get_pixels(oiio.FLOAT)
     if pixels is None:
-        raise ValueError(f"colour space {space} ({light.geterror()})")
+        raise ValueError(f"colour space {space} ({first_line(light.geterror)})")
     return np.asarray(pixels, np.float32)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+from collections.abc import Callable
 from enum import StrEnum
 
 # Characters of a part of a message: a file with a thousand mistakes has its first ones named.
@@ -19,6 +20,15 @@ class InputError(ValueError):
     def __init__(self, subject: object, found: str, expected: str):
         self.subject, self.found, self.expected = str(subject), found, expected
         super().__init__(f"{printable(subject)}: found {printable(found)}, expected {printable(expected)}")
+
+
+def first_line(message: Callable[[], str]) -> str:
+    """The first line of a library's message, which may repeat itself over several, or quote bytes of the file."""
+    try:
+        lines = message().strip().splitlines()
+    except UnicodeDecodeError:
+        return "damaged header"
+    return lines[0] if lines else "unknown format"
 
 
 def printable(text: object) -> str:

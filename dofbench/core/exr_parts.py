@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dofbench.core.errors import InputError
+from dofbench.core.errors import InputError, first_line
 
 _EXPECTED = "one picture: channels R, G, B or one channel"
 # What Blender calls the layer with the whole picture.
@@ -57,8 +57,7 @@ def _parts(path: Path) -> Iterator[tuple[int, Any]]:
 
     opened = oiio.ImageInput.open(str(path))
     if opened is None:
-        lines = oiio.geterror().strip().splitlines() or ["unknown format"]
-        raise InputError(path, f"no readable image ({lines[0]})", "an EXR file")
+        raise InputError(path, f"no readable image ({first_line(oiio.geterror)})", "an EXR file")
     index = 0
     while opened.seek_subimage(index, 0):
         yield index, opened.spec()

@@ -18,6 +18,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from dofbench.core.errors import first_line
 from dofbench.core.primaries import XYZ_TO_SRGB, srgb_decode, srgb_encode
 
 # What a profile is: sRGB itself, so that nothing is converted; proportional to light; or encoded in another way.
@@ -94,8 +95,7 @@ def _by_matrix(values: np.ndarray, profile: bytes) -> np.ndarray:
     xyz = oiio.ImageBufAlgo.ociofiletransform(source, str(path), inverse=True)
     pixels = None if xyz.has_error else xyz.get_pixels(oiio.FLOAT)
     if pixels is None:
-        found = xyz.geterror().splitlines()[:1] or ["unknown fault"]
-        raise ValueError(f"no readable ICC profile ({found[0]})")
+        raise ValueError(f"no readable ICC profile ({first_line(xyz.geterror)})")
     return np.asarray(pixels, np.float32) @ XYZ_TO_SRGB.T.astype(np.float32)
 
 

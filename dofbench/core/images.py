@@ -5,7 +5,6 @@ In memory an image is float32 (H, W, 3), RGB; encoded images are in [0, 1].
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 from dofbench.core.camera_files import camera_coding, camera_size, is_camera_file, read_stored_camera
 from dofbench.core.coding import Coding, coding_of
 from dofbench.core.colour import to_srgb
-from dofbench.core.errors import InputError
+from dofbench.core.errors import InputError, first_line
 from dofbench.core.exr_parts import picture_part
 from dofbench.core.files import refused, replacing
 from dofbench.core.icc import cmyk_to_srgb
@@ -57,7 +56,7 @@ def image_size(path: Path) -> tuple[int, int]:
     check_file(path, "an image file")
     opened = oiio.ImageInput.open(str(path))
     if opened is None:
-        raise InputError(path, f"no readable image ({_reason(oiio.geterror)})", "an image file")
+        raise InputError(path, f"no readable image ({first_line(oiio.geterror)})", "an image file")
     spec = opened.spec()
     kind = opened.format_name()
     opened.close()
@@ -145,7 +144,7 @@ def _decoded(path: Path, part: int = 0, *, within_display: bool = False, unassoc
     window = buffer.roi_full if within_display else buffer.roi
     pixels = buffer.get_pixels(oiio.FLOAT, window) if not buffer.has_error else None
     if pixels is None or buffer.has_error:
-        raise InputError(path, f"no readable image ({_reason(buffer.geterror)})", "an image file")
+        raise InputError(path, f"no readable image ({first_line(buffer.geterror)})", "an image file")
     pixels = np.asarray(pixels, dtype=np.float32)
     return pixels[..., None] if pixels.ndim == 2 else pixels
 
@@ -240,7 +239,7 @@ def read_exr(path: Path) -> np.ndarray:
     buffer = oiio.ImageBuf(str(path))
     pixels = buffer.get_pixels(oiio.FLOAT) if not buffer.has_error else None
     if pixels is None or buffer.has_error:
-        raise InputError(path, f"no readable image ({_reason(buffer.geterror)})", "an EXR file")
+        raise InputError(path, f"no readable image ({first_line(buffer.geterror)})", "an EXR file")
     pixels = np.asarray(pixels, dtype=np.float32)
     return np.ascontiguousarray(pixels[..., 0] if pixels.ndim == 3 and pixels.shape[2] == 1 else pixels)
 
@@ -261,15 +260,6 @@ def resize(image: np.ndarray, width: int, height: int) -> np.ndarray:
     # A float32 average of whites can be 1.0000001, and a bicubic overshoots at an edge. fmin and fmax pass over NaN.
     least, greatest = np.fmin.reduce(image, axis=(0, 1)), np.fmax.reduce(image, axis=(0, 1))
     return np.clip(resized.reshape(height, width, *image.shape[2:]), least, greatest)
-
-
-def _reason(message: Callable[[], str]) -> str:
-    """The first line of a library's message, which may repeat itself over several, or quote bytes of the file."""
-    try:
-        lines = message().strip().splitlines()
-    except UnicodeDecodeError:
-        return "damaged header"
-    return lines[0] if lines else "unknown format"
 
 
 def _check_whole_jpeg(path: Path) -> None:
@@ -312,7 +302,7 @@ def _write(
         # On a full disk both the PNG and the EXR writer report success.
         if not (written and _reads_back(temporary)):
             message = output.geterror if output is not None else oiio.geterror
-            raise refused(path, temporary, _reason(message))
+            raise refused(path, temporary, first_line(message))
 
 
 def _reads_back(path: Path) -> bool:

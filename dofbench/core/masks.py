@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench.core.errors import InputError
+from dofbench.core.errors import InputError, first_line
 from dofbench.core.images import write_grey_png
 
 # Of 255: a JPEG's black isn't quite black. In every other format whatever isn't 0 counts, as in COLMAP and nerfstudio.
@@ -40,7 +40,7 @@ def has_alpha(path: Path) -> bool:
 
     opened = oiio.ImageInput.open(str(path))
     if opened is None:
-        oiio.geterror()
+        first_line(oiio.geterror)
         return False
     found = opened.spec().alpha_channel >= 0
     opened.close()
@@ -94,7 +94,7 @@ def _channels(path: Path) -> tuple[np.ndarray, int | None]:
 
     opened = oiio.ImageInput.open(str(path))
     if opened is None:
-        reason = (oiio.geterror().strip().splitlines() or ["unknown format"])[0]
+        reason = first_line(oiio.geterror)
         raise InputError(path, f"no readable image ({reason})", "a mask: black where pixels don't count")
     spec = opened.spec()
     pixels = opened.read_image(oiio.FLOAT)

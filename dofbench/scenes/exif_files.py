@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from dofbench.core.camera_files import camera_tags, is_camera_file
-from dofbench.core.errors import InputError
+from dofbench.core.errors import InputError, first_line
 from dofbench.core.exif import EXIF_FILE, LEAST, MOST, Exif, read_exif
 from dofbench.core.readable import read_text
 from dofbench.scenes.focus_distance import focus_distance
@@ -91,7 +91,7 @@ def _tags_of_image(file: Path) -> dict[str, Any]:
 
     opened = oiio.ImageInput.open(str(file))
     if opened is None:
-        oiio.geterror()  # else it is kept, and printed when the program ends
+        first_line(oiio.geterror)  # else it is kept, and printed when the program ends
         return {}
     tags = {attribute.name: attribute.value for attribute in opened.spec().extra_attribs}
     opened.close()

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 from camera_photographs import write_dng
 from icc_profiles import DISPLAY_P3, of_primaries
@@ -15,7 +17,7 @@ from dofbench import cli
 from dofbench.core import camera_files
 from dofbench.core.coding import coding_of_codes
 from dofbench.core.errors import InputError
-from dofbench.core.images import image_size, read_coded, read_image, write_png
+from dofbench.core.images import image_coding, image_size, read_coded, read_image, write_png
 from dofbench.scenes.exif_files import exif_of_image
 from dofbench.scenes.folders import image_files
 from dofbench.scenes.reconstruction.photograph_list import Upright, find_photographs, orientation, upright_size
@@ -135,6 +137,34 @@ def test_damaged_files_are_named(tmp_path):
                     function(tmp_path / name)
                 assert "\n" not in str(caught.value)
             assert exif_of_image(tmp_path / name).f_number is None
+
+
+@pytest.mark.parametrize("suffix", [".heic", ".avif", ".dng", ".png", ".exr"])
+def test_mutated_files_are_read_or_named(tmp_path, suffix):
+    if camera_files.is_camera_file(Path(f"a{suffix}")) and camera_files.missing_package(Path(f"a{suffix}")):
+        pytest.skip("needs the extra photographs")
+    file = tmp_path / f"a{suffix}"
+    if suffix == ".heic":
+        write_heic(file, picture())
+    elif suffix == ".dng":
+        write_dng(file, picture() / 255)
+    elif suffix == ".exr":
+        spec = oiio.ImageSpec(*SIZE, 3, "half")
+        spec.attribute("oiio:ColorSpace", "lin_ap1_scene")
+        output = oiio.ImageOutput.create(str(file))
+        assert output.open(str(file), spec) and output.write_image(picture() / np.float32(255)) and output.close()
+    else:
+        Image.fromarray(picture()).save(file, icc_profile=of_primaries(*DISPLAY_P3))
+    whole, random = file.read_bytes(), np.random.default_rng(0)
+    for _ in range(60):
+        content = bytearray(whole)
+        for at in random.integers(0, min(len(content), random.choice([80, 600, 10**6])), random.integers(1, 6)):
+            content[at] = random.choice([0, 255, content[at] ^ 16])
+        file.write_bytes(content[: random.choice([len(content), random.integers(len(content))], p=[0.7, 0.3])])
+        for function in (image_size, image_coding, read_image):
+            with contextlib.suppress(InputError):
+                function(file)
+        exif_of_image(file)
 
 
 def test_photographs_whose_package_is_missing_are_counted(tmp_path, monkeypatch, capsys):

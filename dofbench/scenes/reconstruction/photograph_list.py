@@ -12,7 +12,7 @@ import numpy as np
 from dofbench.core.camera_files import is_camera_file, missing_package
 from dofbench.core.cameras import Camera
 from dofbench.core.coding import Coding
-from dofbench.core.errors import InputError
+from dofbench.core.errors import InputError, first_line
 from dofbench.core.exif import Exif
 from dofbench.core.files import sha256_file
 from dofbench.core.images import image_coding, image_size, read_exr, read_image, resize, write_exr, write_png
@@ -174,7 +174,7 @@ def orientation(file: Path) -> int:
 
     opened = oiio.ImageInput.open(str(file))
     if opened is None:
-        oiio.geterror()
+        first_line(oiio.geterror)
         return 1
     value = opened.spec().get_int_attribute("Orientation", 1)
     opened.close()
