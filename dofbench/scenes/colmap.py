@@ -13,16 +13,16 @@ import numpy as np
 from dofbench.core.cameras import NO_OFFSET
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
-from dofbench.scenes.colmap_files import check_binary, check_kinds, model_suffix
+from dofbench.scenes.colmap_files import binary_poses, check_binary, check_kinds, model_suffix
 from dofbench.scenes.colmap_places import PLACES, FoundModel, choose_model, find_model
-from dofbench.scenes.colmap_text import readable_text
+from dofbench.scenes.colmap_text import count_images, readable_text
 from dofbench.scenes.folders import choose_folder, find_matches, listed, refuse_missing
 from dofbench.scenes.local_frame import local_offset
 from dofbench.scenes.name_match import plain_inside
 from dofbench.scenes.poses import invert, rigid
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.undistort import Intrinsics
-from dofbench.scenes.unused import other_format, skipped, without_pose
+from dofbench.scenes.unused import fewer_points, other_format, skipped, without_pose
 from dofbench.scenes.views import Frame, assemble, held_out
 
 if TYPE_CHECKING:
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 # Pixels; no sensor has so many on a side.
 _LARGEST_SIDE = 1_000_000
+# Of a pose that two files have, in entries of the rotation and relative to positions: more isn't rounding.
+_ONE_POSE = 1e-4
 # pycolmap's messages may quote whole lines of its source.
 _REASON = 120
 # Where each of OpenCV's coefficients k1 k2 p1 p2 k3 k4 k5 k6 stands among a model's parameters, after its
@@ -105,6 +107,7 @@ def read(root: Path, *, width: int | None, images: str | None, hold: int | None,
     scene = assemble(root, "colmap", frames, kept.points, width=width, subject=found.folder).noted(
         *kept.notes,
         skipped(model.names, matched, found.folder.relative_to(root)),
+        fewer_points(model.points, kept.points),
         without_pose(image_folder, files, found.folder.relative_to(root)),
         other_format(matched, image_folder, found.folder.relative_to(root)),
     )
@@ -126,13 +129,30 @@ def read_model(folder: Path) -> Model:
     check_kinds(folder)
     if suffix == ".bin":
         check_binary(folder)
-        return _model(folder, suffix, folder, {})
+        poses = binary_poses(folder)
+        return _model(folder, suffix, folder, {}, poses).noted(_other_text(folder, len(poses)))
     with readable_text(folder) as text:
-        return _model(folder, suffix, text.folder, text.names).noted(text.notes)
+        return _model(folder, suffix, text.folder, text.names, text.poses).noted(text.notes)
 
 
-def _model(folder: Path, suffix: str, place: Path, names: Mapping[int, str]) -> Model:
-    """The model whose files are in `place`. names: of its images, where pycolmap's aren't whole."""
+def _other_text(folder: Path, images: int) -> tuple[str, ...]:
+    """A note on a text model next to the binary one that has another number of images."""
+    if not (folder / "images.txt").is_file():
+        return ()
+    try:
+        others = count_images(folder)
+    except InputError:
+        return ()
+    if others == images:
+        return ()
+    return (f"{images} images in images.bin, {others} in images.txt: the binary model is read",)
+
+
+def _model(
+    folder: Path, suffix: str, place: Path, names: Mapping[int, str], poses: Mapping[int, Sequence[float]]
+) -> Model:
+    """The model whose files are in `place`. names: of its images, where pycolmap's aren't whole. poses: quaternion and
+    translation in the file of images, which pycolmap passes over where there is one of frames."""
     import pycolmap
 
     reconstruction = pycolmap.Reconstruction()
@@ -155,6 +175,8 @@ def _model(folder: Path, suffix: str, place: Path, names: Mapping[int, str]) -> 
     if len(set(called.values())) < len(called):
         twice = sorted(name for name, count in Counter(called.values()).items() if count > 1)
         raise InputError(images_file, f"several images called {listed(twice)}", "one image a name")
+    for image in with_pose if (folder / f"frames{suffix}").is_file() else ():
+        _check_pose(image, poses[image.image_id], called[image.image_id], images_file)
     posed = [reconstruction.images[key] for key in sorted(called, key=called.__getitem__)]
     lenses = {key: _intrinsics(camera, cameras_file) for key, camera in reconstruction.cameras.items()}
     model = Model(
@@ -165,6 +187,7 @@ def _model(folder: Path, suffix: str, place: Path, names: Mapping[int, str]) -> 
             rigid(image.cam_from_world().matrix(), images_file, called[image.image_id]) for image in posed
         ),
         points=_points(reconstruction, [image.image_id for image in posed], folder / f"points3D{suffix}"),
+        notes=_without_pose(len(reconstruction.images), len(posed), images_file),
     )
     centres = np.stack([invert(pose)[:3, 3] for pose in model.world_to_camera])
     if local_offset(centres, model.points) != NO_OFFSET:
@@ -193,6 +216,22 @@ def _misplaced(reconstruction: pycolmap.Reconstruction) -> tuple[str, ...]:
         "so far from the origin, rotations of a few digits misplace cameras"
     )
     return (found,)
+
+
+def _without_pose(images: int, posed: int, file: Path) -> tuple[str, ...]:
+    return (f"{images} images in {file.name}, {images - posed} without a pose: skipped",) if posed < images else ()
+
+
+def _check_pose(image: pycolmap.Image, pose: Sequence[float], name: str, file: Path) -> None:
+    """Raise InputError unless an image's pose in its file is the one that its frame and its rig give."""
+    import pycolmap
+
+    quaternion, translation = np.array(pose[:4]), pose[4:]
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    written = np.column_stack([pycolmap.Rotation3d(np.array([x, y, z, w])).matrix(), translation])
+    composed = image.cam_from_world().matrix()
+    if not np.abs(written - composed).max() <= _ONE_POSE * max(1.0, np.abs(composed).max()):
+        raise InputError(file, f"another pose of {name} than in {file.with_stem('frames').name}", "one pose an image")
 
 
 def _intrinsics(camera: pycolmap.Camera, subject: Path) -> Intrinsics:

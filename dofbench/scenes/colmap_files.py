@@ -87,6 +87,18 @@ def _images(content: bytes, file: Path) -> int:
     return end
 
 
+def binary_poses(folder: Path) -> dict[int, tuple[float, ...]]:
+    """Quaternion (w first) and translation of the images of a checked images.bin, by their id."""
+    content = read_bytes(folder / "images.bin", "a whole COLMAP file")
+    poses, end = {}, 8
+    for _ in range(_count(content, 0)):
+        key, *pose = struct.unpack_from("<I7d", content, end)
+        poses[key] = tuple(pose)
+        name_end = content.index(b"\0", end + 64)
+        end = name_end + 9 + 24 * _count(content, name_end + 1)
+    return poses
+
+
 def _points(content: bytes, file: Path) -> int:
     end = 8
     for _ in range(_count(content, 0)):

@@ -27,10 +27,12 @@ _ALL = ("cameras", "images", "points3D", "rigs", "frames")
 
 @dataclass(frozen=True)
 class TextModel:
-    """folder: the files for pycolmap. names: of the images, by their id. notes: what was mended."""
+    """folder: the files for pycolmap. names: of the images, by their id; poses: likewise, quaternion (w first) and
+    translation. notes: what was mended."""
 
     folder: Path
     names: dict[int, str]
+    poses: dict[int, tuple[float, ...]]
     notes: tuple[str, ...]
 
 
@@ -43,6 +45,14 @@ class _Images:
     lines: list[str]
     missing: int
     cut: bool
+
+    @property
+    def poses(self) -> dict[int, tuple[float, ...]]:
+        """Quaternion and translation by id."""
+        return {
+            key: tuple(float(word) for word in line.split(maxsplit=8)[1:8])
+            for key, line in zip(self.names, self.lines[::2], strict=True)
+        }
 
     @property
     def have_points(self) -> bool:
@@ -67,7 +77,7 @@ def readable_text(folder: Path) -> Iterator[TextModel]:
     _check_count("points", len(points), texts["points3D"], files["points3D"])
     tracks = not images.have_points and any(len(point) > _BEFORE_TRACK for point in points)
     if not (marked or images.missing or images.cut or tracks):
-        yield TextModel(folder, images.names, ())
+        yield TextModel(folder, images.names, images.poses, ())
         return
     note = (
         f"{files['images'].name} of {folder.name} has no lines of 2D points"
@@ -82,7 +92,7 @@ def readable_text(folder: Path) -> Iterator[TextModel]:
     with tempfile.TemporaryDirectory(prefix="dofbench-colmap-") as copy:
         for part, text in texts.items():
             Path(copy, f"{part}.txt").write_text(f"{text}\n", encoding="utf-8")
-        yield TextModel(Path(copy), images.names, (note,) if images.missing else ())
+        yield TextModel(Path(copy), images.names, images.poses, (note,) if images.missing else ())
 
 
 def count_images(folder: Path) -> int:

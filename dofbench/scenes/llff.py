@@ -17,7 +17,7 @@ from dofbench.scenes.folders import choose_folder, find_matches, image_files, ma
 from dofbench.scenes.poses import Mended, invert, llff_to_opencv, rigid
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.undistort import Intrinsics
-from dofbench.scenes.unused import skipped, without_pose
+from dofbench.scenes.unused import fewer_points, skipped, without_pose
 from dofbench.scenes.views import Frame, assemble, check_inside, held_out
 
 _FILE = "poses_bounds.npy"
@@ -59,10 +59,11 @@ def read_folder(root: Path, folder: Path, *, width: int | None, skip_missing: bo
         _check_same_cameras(rows, model, file)
         if not skip_missing:
             refuse_missing(folder, model.names, matched, model.folder)
-        names, kept, model = model.names, matched.present(), model.only(matched.present())
+        names, points, kept, model = model.names, model.points, matched.present(), model.only(matched.present())
         notes += [
             f"{len(rows)} poses for {len(files)} images: row i of {_FILE} belongs to the i-th name in the COLMAP model",
             skipped(names, matched, _FILE),
+            fewer_points(points, model.points),
             without_pose(folder, [path for path in matched.files if path], _FILE),
         ]
         files = [path for path in matched.files if path is not None]

@@ -103,7 +103,7 @@ def _marked(root: Path, marked: int, options: Mapping[str, int | str | None]) ->
 
     Raises InputError where they aren't, and for a hold other than the marker's where they are.
     """
-    scene = _read("llff", root, **{**options, "hold": None})
+    scene = _read("deblurnerf", root, **{**options, "width": None, "hold": marked})
     if not marked_are_sharper(scene, marked):
         found = f"a marker file hold={marked}, and views 0, {marked}, {2 * marked}, ... no sharper than the others"
         expected = "--layout deblurnerf if the others are blurred all the same, or --layout llff if all are sharp"

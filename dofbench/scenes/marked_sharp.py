@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dofbench.core.images import resize
+from dofbench.core.images import read_image, resize
 from dofbench.optics.blur_width import LUMA, blur_deviation
 from dofbench.scenes.scene import Scene, SceneView
 
@@ -43,7 +43,8 @@ def _blur(views: Sequence[SceneView]) -> np.ndarray:
     chosen = np.unique(np.linspace(0, len(views) - 1, min(_MOST, len(views))).round().astype(int))
     found = []
     for index in chosen:
-        image = views[index].image()
+        # The file, whatever size the scene is read at: a blur of pixels is gone in a small copy.
+        image = read_image(views[index].source)
         height, width = image.shape[:2]
         if width > _WIDTH:
             image = resize(image, _WIDTH, max(1, round(height * _WIDTH / width)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from dofbench.core.contracts import PointCloud
 from dofbench.scenes.folders import MatchedFiles, image_files, is_scaled, listed
 
 
@@ -25,6 +26,13 @@ def skipped(names: Sequence[str], matched: MatchedFiles, poses: object) -> str:
     return (
         f"{len(names)} poses in {poses}, {len(missing)} without an image, skipped: {listed(missing)}" if missing else ""
     )
+
+
+def fewer_points(points: PointCloud | None, kept: PointCloud | None) -> str:
+    """How many points no view is left of; empty where all are kept."""
+    if points is None or kept is None or len(kept) == len(points):
+        return ""
+    return f"{len(points)} points, {len(points) - len(kept)} that no remaining view saw: skipped"
 
 
 def other_format(matched: MatchedFiles, folder: Path, poses: object) -> str:

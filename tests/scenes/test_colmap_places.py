@@ -92,6 +92,37 @@ def test_the_largest_model_is_read(model: Path, root: Path, write_images: Callab
     assert len(load_scene(root / "sparse/1").views) == 3
 
 
+def test_a_text_model_of_other_images_next_to_the_binary_one_is_named(
+    model: Path, root: Path, write_images: Callable
+) -> None:
+    write_images(root / "images", NAMES)
+    put(model, root / "sparse/0", text=True)
+    put(model, root / "sparse/0")
+    assert not load_scene(root).notes
+    put(model, root / "sparse/0", (0, 1, 2), text=True)
+    scene = load_scene(root)
+    assert len(scene.views) == 5 and any("3 in images.txt" in note for note in scene.notes)
+
+
+@pytest.mark.parametrize("spelled", ["images\\{}", "images/{}", ".\\images\\{}"])
+def test_names_as_windows_and_other_programs_write_them(
+    root: Path, cameras: list[Camera], write_images: Callable, spelled: str
+) -> None:
+    names = [f"left/{name}" for name in NAMES]
+    write_images(root / "images", names)
+    written = [spelled.format(name.replace("/", "\\") if "\\" in spelled else name) for name in names]
+    write_colmap(root, written, cameras, None)
+    assert [view.source for view in load_scene(root).views] == [root / "images" / name for name in names]
+
+
+def test_suffixes_in_another_case(root: Path, cameras: list[Camera], write_images: Callable) -> None:
+    write_images(root / "images", [name.replace("png", "PNG") for name in NAMES])
+    write_colmap(root, NAMES, cameras, None)
+    scene = load_scene(root)
+    assert [view.source.name for view in scene.views] == [f"{index}.PNG" for index in range(COUNT)]
+    assert not scene.notes
+
+
 def test_a_model_without_its_images_gives_way_to_one_with(model: Path, root: Path, write_images: Callable) -> None:
     put(model, root / "sparse/0")
     put(model, root / "dense/0/sparse")
@@ -111,6 +142,8 @@ def test_images_that_were_deleted(model: Path, root: Path, make_cloud: Callable,
     assert [view.name for view in scene.views] == ["0", "2", "3"]
     assert any("1.png, 4.png" in note for note in scene.notes)
     expected = everything.points.seen_by([0, 2, 3])
+    lost = len(everything.points) - len(expected)
+    assert bool(lost) == any(f"{lost} that no remaining view saw" in note for note in scene.notes)
     np.testing.assert_array_equal(scene.points.xyz, expected.xyz)
     for ours, theirs in zip(scene.points.views, expected.views, strict=True):
         np.testing.assert_array_equal(ours, theirs)

@@ -185,10 +185,31 @@ def test_a_rig_of_two_cameras(tmp_path: Path, cameras: list[Camera], write_image
         for file in folder.iterdir():
             file.unlink()
         write(str(folder))
-        assert (folder / f"rigs{suffix}").is_file()
+        assert (folder / f"rigs{suffix}").is_file() and (folder / f"frames{suffix}").is_file()
         scene = load_scene(tmp_path)
         assert [view.name for view in scene.views] == ["cam1_0", "cam1_1", "cam2_0", "cam2_1"]
         for view in scene.views:
             width, focal, translation = expected[view.source.relative_to(tmp_path / "images").as_posix()]
             assert (view.camera.width, view.camera.fx) == (width, focal)
             np.testing.assert_allclose(view.camera.world_to_camera[:3, 3], translation, atol=POSE_ROUND_TRIP)
+
+
+def test_poses_of_images_that_contradict_those_of_frames(tmp_path: Path, model: Path) -> None:
+    for write in ("write_text", "write_binary"):
+        getattr(pycolmap.Reconstruction(str(model)), write)(str(model))
+        read_model(model)  # one pose in both files
+    file = model / "images.bin"
+    content = file.read_bytes()
+    file.write_bytes(content[:44] + np.float64(7).tobytes() + content[52:])  # the first image's translation along x
+    with pytest.raises(InputError, match=r"images\.bin: found another pose of .* than in frames\.bin"):
+        read_model(model)
+    for binary in model.glob("*.bin"):
+        binary.unlink()
+
+    def moved(lines: list[str]) -> list[str]:
+        words = lines[0].split()
+        return [" ".join([*words[:5], "7", *words[6:]]), *lines[1:]]
+
+    edit(model / "images.txt", moved)
+    with pytest.raises(InputError, match=r"images\.txt: found another pose of .* than in frames\.txt"):
+        read_model(model)

@@ -100,6 +100,8 @@ def test_sharp_views_among_blurred_ones_are_found_by_measuring(folder: Path) -> 
     with pytest.raises(InputError, match=r"--hold: found 5 in"):
         load_scene(folder, hold=5)
     assert load_scene(folder, hold=6).layout == "deblurnerf"
+    # However small the images are read, in which the blur can't be seen.
+    assert load_scene(folder, width=12).layout == "deblurnerf"
 
 
 @pytest.mark.parametrize("blur", [lambda index: 0.0, lambda index: 1.5, lambda index: 0.0 if index % 5 else 1.5])
