@@ -17,13 +17,13 @@ from dofbench.scenes.colmap_files import binary_poses, check_binary, check_kinds
 from dofbench.scenes.colmap_places import PLACES, FoundModel, choose_model, find_model
 from dofbench.scenes.colmap_text import count_images, readable_text
 from dofbench.scenes.folders import choose_folder, find_matches, listed, refuse_missing
-from dofbench.scenes.local_frame import local_offset
+from dofbench.scenes.local_frame import AnotherFrame, local_offset
 from dofbench.scenes.name_match import plain_inside
 from dofbench.scenes.poses import invert, rigid
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.undistort import Intrinsics
 from dofbench.scenes.unused import fewer_points, other_format, skipped, without_pose
-from dofbench.scenes.views import Frame, assemble, held_out
+from dofbench.scenes.views import Frame, assemble, check_inside, held_out
 
 if TYPE_CHECKING:
     import pycolmap
@@ -111,6 +111,12 @@ def read(root: Path, *, width: int | None, images: str | None, hold: int | None,
         without_pose(image_folder, files, found.folder.relative_to(root)),
         other_format(matched, image_folder, found.folder.relative_to(root)),
     )
+    if scene.offset != NO_OFFSET:
+        try:
+            check_inside(scene, found.folder)
+        except AnotherFrame as error:
+            expected = f"{error.expected}; so far from the origin, rotations need all of their digits"
+            raise InputError(error.subject, error.found, expected) from None
     absent = [name for name, file in zip(model.names, matched.files, strict=True) if file is None]
     return held_out(scene, hold, dict(zip(files, kept.names, strict=True)), absent)
 
@@ -213,7 +219,7 @@ def _misplaced(reconstruction: pycolmap.Reconstruction) -> tuple[str, ...]:
         return ()
     found = (
         f"points miss their recorded image positions by {after:.3g} pixels (median), {before:.3g} as the model says: "
-        "so far from the origin, rotations of a few digits misplace cameras"
+        "so far from the origin, rotations of few digits misplace cameras"
     )
     return (found,)
 

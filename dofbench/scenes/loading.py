@@ -89,7 +89,7 @@ def _without_masks(root: Path, layout: str, chosen: str, options: Mapping[str, i
         scene = _read(chosen, root, **options)
         return scene if layout != "auto" else _with_sharp_ones(scene)
     except AnotherFrame as error:
-        if not colmap.fits(root):
+        if chosen == "colmap" or not colmap.fits(root):
             raise
         model = _model_by_itself(root, error, **options) if layout == "auto" and chosen == "nerfstudio" else None
         if model is None:

@@ -188,8 +188,8 @@ def test_the_offset_is_found_whatever_the_scenes_unit(far: Far) -> None:
         assert np.abs(np.array(offset) / unit - UTM).max() < 10
 
 
-@pytest.mark.parametrize(("digits", "named"), [(17, False), (5, True)])
-def test_cameras_misplaced_by_rounded_rotations_are_named(far: Far, digits: int, named: bool) -> None:
+@pytest.mark.parametrize(("digits", "named"), [(17, ""), (6, "note"), (3, "error")])
+def test_cameras_misplaced_by_rounded_rotations_are_named(far: Far, digits: int, named: str) -> None:
     far.written("colmap", np.array(UTM))
     model = far.folder / "sparse" / "0"
     read = pycolmap.Reconstruction(model)
@@ -206,6 +206,10 @@ def test_cameras_misplaced_by_rounded_rotations_are_named(far: Far, digits: int,
         words[1:5] = [f"{float(word):.{digits}g}" for word in words[1:5]]
         lines[index] = " ".join(words)
     (model / "images.txt").write_text("\n".join(lines) + "\n")
-    notes = load_scene(far.folder, layout="colmap").notes
+    if named == "error":
+        with pytest.raises(InputError, match="rotations"):
+            load_scene(far.folder, layout="colmap")
+    else:
+        notes = load_scene(far.folder, layout="colmap").notes
+        assert any("rotations" in note for note in notes) is bool(named)
     shutil.rmtree(model)
-    assert any("rotations" in note for note in notes) is named
