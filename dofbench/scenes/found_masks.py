@@ -27,7 +27,7 @@ def with_masks(scene: Scene, alpha: Alpha | None) -> Scene:
     """
     images = {view.name: view.image for view in scene.views if isinstance(view.image, ImageOnDisk)}
     beside = masks_beside(scene.root, [view.source for view in scene.views])
-    clear = {view.name for view in scene.views if view.name in images and _translucent(view.source)}
+    clear = {view.name for view in scene.views if view.name in images and translucent(view.source)}
     views, found = [], []
     for view, file in zip(scene.views, beside, strict=True):
         image = images.get(view.name)
@@ -46,7 +46,7 @@ def with_masks(scene: Scene, alpha: Alpha | None) -> Scene:
         found.append(view)
     return replace(scene, views=tuple(views)).noted(
         _masks_note([view.name for view in views if view.mask is not None], scene.views),
-        _alpha_note(len(clear), alpha),
+        alpha_note(len(clear), alpha),
         "" if found or any(beside) else _strangers(scene),
     )
 
@@ -95,7 +95,8 @@ def _alike(place: Path) -> list[Path]:
     ]
 
 
-def _translucent(file: Path) -> bool:
+def translucent(file: Path) -> bool:
+    """Whether an image has an alpha channel that isn't 1 everywhere."""
     opaque = read_opaque(file) if has_alpha(file) else None
     return opaque is not None and not bool(opaque.all())
 
@@ -108,7 +109,8 @@ def _masks_note(masked: Sequence[str], views: Sequence[SceneView]) -> str:
     return f"{note}; unmasked: {listed(without)}" if without else note
 
 
-def _alpha_note(count: int, alpha: Alpha | None) -> str:
+def alpha_note(count: int, alpha: Alpha | None) -> str:
+    """What is said of `count` images with an alpha channel; "" for none."""
     if not count:
         return ""
     what = f"alpha channel of {count} image{'s' if count > 1 else ''}"

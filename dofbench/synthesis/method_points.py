@@ -12,6 +12,7 @@ from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.core.images import read_image
+from dofbench.core.masks import read_mask
 from dofbench.core.progress import Progress
 from dofbench.dataset import layout
 from dofbench.dataset.points_choice import Points
@@ -42,7 +43,13 @@ def triangulated_between(
     """
     place: Callable[[Path, str], Path] = _PLACES[kind]
     photographs = [
-        Photograph(name, place(root, name), partial(read_image, place(root, name)), camera=camera)
+        Photograph(
+            name,
+            place(root, name),
+            partial(read_image, place(root, name)),
+            camera=camera,
+            mask=partial(read_mask, mask) if (mask := layout.mask_path(root, name)).is_file() else None,
+        )
         for name, camera in views
     ]
     # The seed is fixed, so that datasets that differ in the seed of their lenses differ in nothing else.

@@ -15,7 +15,7 @@ from dofbench.scenes.reconstruction.focal_length import CameraGroup
 from dofbench.scenes.reconstruction.interruptible import wait
 from dofbench.scenes.reconstruction.matching import choose_pairs, match
 from dofbench.scenes.reconstruction.pairs import Pair, choose
-from dofbench.scenes.reconstruction.photograph_list import Prepared
+from dofbench.scenes.reconstruction.photograph_list import MASKS, Prepared
 from dofbench.scenes.reconstruction.reconstruct_options import CameraModel, Matching
 
 
@@ -45,13 +45,23 @@ def compare(
     timed: Callable[[str], AbstractContextManager[None]] = lambda stage: nullcontext(),
 ) -> Compared:
     """Find and match the features of `photographs`, which lie in `folder`, in `database`; what it has is kept.
+    Nothing is taken from masked pixels.
 
     groups: the cameras; none where all poses are known. most: features of a photograph. error: pixels by which a match
     may miss the geometry of its two views; None for COLMAP's own. timed: measures the stages "features" and "matches".
     """
     with timed("features"), progress.stage("features", len(photographs)) as advance:
         register_images(database, folder, photographs, groups, camera_model)
-        features = extract(database, folder, photographs, most=most, threads=_threads(), wait=wait, advance=advance)
+        features = extract(
+            database,
+            folder,
+            photographs,
+            most=most,
+            threads=_threads(),
+            wait=wait,
+            advance=advance,
+            masks=folder.parent / MASKS,
+        )
     mode = choose(matching, len(photographs), video)
     with timed("matches"):
         pairs = choose_pairs(mode, database, photographs, seed)

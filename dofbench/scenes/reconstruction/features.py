@@ -70,13 +70,19 @@ def extract(
     threads: int,
     wait: Wait,
     advance: Callable[[int], None],
+    masks: Path | None = None,
 ) -> dict[str, FeatureCount]:
     """Features of every photograph, by name; those that the database has are kept.
 
-    most: features a photograph, the coarsest before the others. advance: called with the number of photographs done.
+    most: features a photograph, the coarsest before the others. masks: folder of masks, FILE_NAME.png for those
+    photographs that have one: no feature is taken where they are black. advance: called with the number of photographs
+    done.
     """
     import pycolmap
 
+    reader = pycolmap.ImageReaderOptions()
+    if masks is not None and masks.is_dir():
+        reader.mask_path = str(masks)
     options = pycolmap.FeatureExtractionOptions()
     options.num_threads = threads
     options.sift.first_octave = FIRST_OCTAVE
@@ -84,7 +90,15 @@ def extract(
     options.sift.max_num_features = most
     for start in range(0, len(photographs), threads):
         names = [photograph.file_name for photograph in photographs[start : start + threads]]
-        wait(partial(pycolmap.extract_features, database, folder, image_names=names, extraction_options=options))
+        extracted = partial(
+            pycolmap.extract_features,
+            database,
+            folder,
+            image_names=names,
+            reader_options=reader,
+            extraction_options=options,
+        )
+        wait(extracted)
         advance(min(len(photographs), start + threads))
     return counts(database, photographs)
 

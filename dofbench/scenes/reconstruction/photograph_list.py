@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,15 +15,21 @@ from dofbench.core.cameras import Camera
 from dofbench.core.coding import Coding
 from dofbench.core.errors import InputError, first_line
 from dofbench.core.exif import Exif
-from dofbench.core.files import sha256_file
+from dofbench.core.files import sha256_file, sha256_text
 from dofbench.core.images import image_coding, image_size, read_exr, read_image, resize, write_exr, write_png
+from dofbench.core.masks import filled, read_mask, read_opaque, shrunk_mask, write_mask
 from dofbench.scenes.exif_files import exif_by_file
 from dofbench.scenes.folders import IMAGE_SUFFIXES, choose_folder, image_files, image_folders, other_files, view_names
+from dofbench.scenes.found_masks import alpha_note, masks_beside, translucent
 from dofbench.scenes.light import coding_notes, for_display, read_values
-from dofbench.scenes.scene import Split
+from dofbench.scenes.reconstruction.companions import without_companions
+from dofbench.scenes.scene import Alpha, Split
+from dofbench.scenes.scene_masks import check_size
 
 LEAST = 3
 _LIGHT = "light"
+# Folder of the masks of prepared photographs, beside them: FILE_NAME.png, as COLMAP reads them.
+MASKS = "masks"
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +37,8 @@ class Photograph:
     """One photograph. name: of its view. source: its file. read: gives it upright, (H, W, 3) float32, encoded.
 
     camera, split: where its pose is known already; the camera is at the size that `read` gives. light: gives it as
-    linear light, where the file is that.
+    linear light, where the file is that. mask: gives its mask, (H, W) bool, upright, True for the pixels that count;
+    those that don't are replaced by their nearest valid ones in what `read` and `light` give.
     """
 
     name: str
@@ -40,6 +48,7 @@ class Photograph:
     camera: Camera | None = None
     split: Split | None = None
     light: Callable[[], np.ndarray] | None = None
+    mask: Callable[[], np.ndarray] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +57,7 @@ class Prepared:
 
     file_name: in the folder of photographs, a number in their order. width, height: its pixels. sharpness: variance of
     its Laplacian, 8-bit levels squared, which only says something beside the others'. light: the same picture as linear
-    light, an EXR; None where the photograph is encoded.
+    light, an EXR; None where the photograph is encoded. mask: file of its mask, None where no pixel is masked.
     """
 
     name: str
@@ -60,6 +69,7 @@ class Prepared:
     camera: Camera | None = None
     split: Split | None = None
     light: Path | None = None
+    mask: Path | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,17 +80,18 @@ class Found:
     notes: tuple[str, ...]
 
 
-def find_photographs(source: Path, images: str | None) -> Found:
+def find_photographs(source: Path, images: str | None, alpha: Alpha | None = None) -> Found:
     """The photographs in a folder, by name; with sub-folders.
 
     images: the folder within `source`. Without it, where there are `images`, `images_4` and the like: the one with the
-    largest photographs; else the source itself. Raises InputError for no photographs, for fewer than three, and for
+    largest photographs; else the source itself, without masks, depth and confidence maps (`companions.py`). alpha: what
+    an alpha channel means. Raises InputError for no photographs, for fewer than three, and for
     those that a package which isn't installed would read.
     """
     folder = source
     if images is not None or image_folders(source):
         folder = choose_folder(source, width=None, images=images, habit=())
-    files = image_files(folder)
+    files, aside = without_companions(folder, image_files(folder))
     if len(files) < LEAST:
         found = f"{len(files)} photographs" if len(files) != 1 else "one photograph"
         raise InputError(folder, found, f"at least {LEAST} ({', '.join(IMAGE_SUFFIXES)}), taken from different places")
@@ -88,12 +99,22 @@ def find_photographs(source: Path, images: str | None) -> Found:
     names = view_names([file.relative_to(folder).as_posix() for file in files])
     exif = exif_by_file(source, dict(zip(names, files, strict=True)))
     codings = _codings(folder, dict(zip(names, files, strict=True)))
-    photographs = []
-    for name, file in zip(names, files, strict=True):
-        read = Upright(file, codings[name].linear)
-        light = read.light if read.linear else None
-        photographs.append(Photograph(name, file, read, exif.get(name), light=light))
-    return Found(photographs, (*coding_notes(codings), *_skipped(folder)))
+    photographs: list[Photograph] = []
+    clear = {file for file in files if translucent(file)}
+    for name, file, mask_file in zip(names, files, masks_beside(source, files), strict=True):
+        upright, mask = Upright(file, codings[name].linear), None
+        read: Callable[[], np.ndarray] = upright
+        light: Callable[[], np.ndarray] | None = upright.light if upright.linear else None
+        if mask_file is not None or (file in clear and alpha != "background"):
+            mask = UprightMask(file, mask_file, file in clear and alpha != "background")
+            read, light = Unmasked(read, mask), None if light is None else Unmasked(light, mask)
+        photographs.append(Photograph(name, file, read, exif.get(name), light=light, mask=mask))
+    masked = sum(one.mask is not None for one in photographs)
+    notes = [f"masks of {masked} of {len(photographs)} photographs: no features there"] if masked else []
+    return Found(
+        photographs,
+        (*coding_notes(codings), *notes, *filter(None, [alpha_note(len(clear), alpha)]), *aside, *_skipped(folder)),
+    )
 
 
 def _codings(folder: Path, files: Mapping[str, Path]) -> dict[str, Coding]:
@@ -165,6 +186,48 @@ class Upright:
         return turned(read_values(self.file, linear=self.linear), orientation(self.file))
 
 
+@dataclass(frozen=True)
+class UprightMask:
+    """Reads a photograph's mask, turned as the photograph is: (H, W) bool, True for the pixels that count.
+
+    file: of the mask, of the size of the photograph as stored or upright. alpha: whether transparent pixels are masked.
+    """
+
+    photograph: Path
+    file: Path | None
+    alpha: bool
+
+    def __call__(self) -> np.ndarray:
+        size, upright = image_size(self.photograph), upright_size(self.photograph)
+        mask = np.ones(upright[::-1], bool)
+        if self.file is not None:
+            found = image_size(self.file)
+            # Whoever saw the photograph upright drew the mask so.
+            as_shown = abs(found[0] / found[1] - upright[0] / upright[1]) < abs(found[0] / found[1] - size[0] / size[1])
+            check_size(self.file, upright if as_shown else size)
+            stored = read_mask(self.file)
+            mask &= shrunk_mask(stored if as_shown else turned(stored, orientation(self.photograph)), *upright)
+        opaque = read_opaque(self.photograph) if self.alpha else None
+        if opaque is not None:
+            mask &= turned(opaque, orientation(self.photograph))
+        if not mask.any():
+            raise InputError(
+                self.file or self.photograph, "a mask without a valid pixel", "some, or no such photograph"
+            )
+        return mask
+
+
+@dataclass(frozen=True)
+class Unmasked:
+    """Reads a photograph, its masked pixels replaced by the nearest valid ones."""
+
+    read: Callable[[], np.ndarray]
+    mask: Callable[[], np.ndarray]
+
+    def __call__(self) -> np.ndarray:
+        return filled(self.read(), self.mask())
+
+
 def orientation(file: Path) -> int:
     """EXIF's orientation of an image file, 1 to 8; 1, upright, where none is written, and for files that come upright
     (HEIC, AVIF, raw)."""
@@ -204,7 +267,8 @@ def prepare(
     """Write every photograph as `folder/NUMBER.png`, at most `size` pixels on its longer side; what is there is kept.
 
     One of linear light is written beside that folder too, as light/NUMBER.exr, half floats. advance: called with the
-    number done. Raises InputError for a photograph that can't be read.
+    number done. Its mask, where it has one, is written as masks/NUMBER.png.png. Raises InputError for a photograph or a
+    mask that can't be read.
     """
     prepared = []
     for index, photograph in enumerate(photographs):
@@ -222,6 +286,9 @@ def prepare(
         height, width = image.shape[:2]
         if min(width, height) < 16:
             raise InputError(photograph.source, f"{width}x{height} pixels", "a photograph of at least 16x16")
+        mask = None if photograph.mask is None else folder.parent / MASKS / f"{path.name}.png"
+        if photograph.mask is not None and mask is not None and not mask.is_file():
+            write_mask(mask, shrunk_mask(photograph.mask(), width, height))
         camera = photograph.camera
         prepared.append(
             Prepared(
@@ -234,6 +301,7 @@ def prepare(
                 None if camera is None else camera.resized(width, height),
                 photograph.split,
                 light,
+                mask,
             )
         )
         advance(index + 1)
@@ -255,5 +323,12 @@ def sharpness(image: np.ndarray) -> float:
 
 
 def digests(photographs: Sequence[Photograph]) -> dict[str, str]:
-    """sha256 of each photograph's file, by name."""
-    return {photograph.name: sha256_file(photograph.source) for photograph in photographs}
+    """sha256 of each photograph's file, by name; with that of its mask where it has one."""
+    return {photograph.name: _digest(photograph) for photograph in photographs}
+
+
+def _digest(photograph: Photograph) -> str:
+    content = sha256_file(photograph.source)
+    if photograph.mask is None:
+        return content
+    return sha256_text(f"{content} {hashlib.sha256(np.packbits(photograph.mask()).tobytes()).hexdigest()}")

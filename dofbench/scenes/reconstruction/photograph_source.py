@@ -57,7 +57,7 @@ def find_source(settings: Reconstruct) -> Source:
             raise InputError("--out", str(settings.out), f"a folder outside of {path}, which holds the photographs")
         if settings.poses == "keep" and detect(path) is not None:
             return _posed(settings)
-        found = find_photographs(path, settings.images)
+        found = find_photographs(path, settings.images, settings.alpha_channel)
         photographs = found.photographs
         return Source(
             "photographs",
@@ -91,7 +91,7 @@ def _posed(settings: Reconstruct) -> Source:
     if images is None and layout in ("llff", "colmap") and folders:
         images = folders[min(folders)].name
     try:
-        scene = load_scene(path, images=images)
+        scene = load_scene(path, images=images, alpha_channel=settings.alpha_channel)
     except InputError as error:
         anew = f"{error.expected}; or --poses ignore, to find poses anew"
         raise InputError(error.subject, error.found, anew) from None
@@ -99,7 +99,7 @@ def _posed(settings: Reconstruct) -> Source:
     if len(scene.views) < LEAST:
         raise InputError(path, f"{len(scene.views)} views", f"at least {LEAST}")
     photographs = [
-        Photograph(view.name, view.source, view.image, view.exif, view.camera, view.split, view.linear)
+        Photograph(view.name, view.source, view.image, view.exif, view.camera, view.split, view.linear, view.mask)
         for view in scene.views
     ]
     first = scene.views[0].camera

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from dofbench.core.errors import InputError
+from dofbench.scenes.scene import Alpha
 
 Matching = Literal["auto", "exhaustive", "sequential", "retrieval"]
 Mapping = Literal["incremental", "global"]
@@ -53,6 +54,10 @@ class Reconstruct:
     camera_model: CameraModel = "SIMPLE_RADIAL"
     """COLMAP's model of a camera with its distortion."""
 
+    alpha_channel: Alpha | None = None
+    """What an alpha channel means: mask, no features in transparent pixels; or background, composited over black.
+    Without it: mask, with a note."""
+
     sensor_width: float | None = None
     """Longer side of the sensor, mm (36 for full frame): where EXIF has no 35 mm equivalent, it makes mm to pixels."""
 
@@ -76,7 +81,8 @@ class Reconstruct:
 
     def recipe(self) -> dict[str, Any]:
         """All that decides the result, as plain data: the options but for where things are."""
-        return {name: value for name, value in asdict(self).items() if name not in ("source", "out")}
+        skipped = {"source", "out", *(("alpha_channel",) if self.alpha_channel is None else ())}
+        return {name: value for name, value in asdict(self).items() if name not in skipped}
 
     def command(self) -> str:
         """The command line of these settings."""

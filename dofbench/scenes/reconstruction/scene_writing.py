@@ -11,10 +11,12 @@ from dofbench.core.cameras import NO_OFFSET, Camera, Offset
 from dofbench.core.contracts import PointCloud
 from dofbench.core.exif import write_exif
 from dofbench.core.images import read_exr, read_image, write_exr, write_png
+from dofbench.core.masks import read_mask, write_mask
 from dofbench.scenes import export
 from dofbench.scenes.colmap import read_model
 from dofbench.scenes.reconstruction.kept_steps import Work
 from dofbench.scenes.reconstruction.photograph_list import Prepared
+from dofbench.scenes.scene_masks import undistort_mask
 from dofbench.scenes.undistort import Intrinsics, undistort_image, undistorted
 
 
@@ -45,6 +47,8 @@ def write_scene(
         elif not path.is_file():
             image = read_image(work.photographs / view.file_name)
             write_png(path, undistort_image(image, lens))
+        if view.mask is not None and not (mask := work.scene / "masks" / f"{names[index]}.png").is_file():
+            write_mask(mask, undistort_mask(read_mask(view.mask), lens))
         advance(index + 1)
     points = None if model.points is None else in_front(model.points, cameras)
     export.write_colmap(work.scene, names, cameras, points, offset)
@@ -55,6 +59,10 @@ def write_scene(
             cameras,
             splits=[view.split or "train" for view in views],
             offset=offset,
+            extra=[
+                {} if view.mask is None else {"mask_path": f"masks/{name}.png"}
+                for view, name in zip(views, names, strict=True)
+            ],
         )
     if exif := {view.name: view.exif for view in views if view.exif is not None}:
         write_exif(work.scene, exif)
