@@ -208,11 +208,15 @@ def execute(settings: Any) -> int:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line (default: this process's) and return its exit status."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a file's name may be no UTF-8, or more than a terminal can show
+            stream.reconfigure(errors="backslashreplace")
     if list(arguments) == ["--version"]:
         print(f"dofbench {__version__}")
         return DONE
     configure_threads()
     try:
+        _check_utf8(arguments)
         settings = parse(arguments)
         if isinstance(settings, MakeDatasets | MakeScene | Reconstruct | Runs | Ablate | Score | Check | Stability):
             # Importing pycolmap installs a handler for SIGTERM that prints a stack trace and aborts. These commands
@@ -235,6 +239,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not (line := one_line(refusal)):
             raise
         return _end(FAILED, line)
+
+
+def _check_utf8(arguments: Sequence[str]) -> None:
+    """Raise InputError where an argument or the current folder isn't UTF-8: libraries crash on such a path, and no
+    record can hold it."""
+    try:
+        words = (*arguments, str(Path.cwd()))
+    except FileNotFoundError:
+        raise InputError("the current folder", "that it was deleted", "one that is there") from None
+    for word in words:
+        try:
+            word.encode()
+        except UnicodeEncodeError:
+            raise InputError(word, "a name that isn't UTF-8", "arguments and a current folder in UTF-8") from None
 
 
 def console() -> None:

@@ -89,9 +89,14 @@ def refused(path: Path, temporary: Path, message: str) -> OSError:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` as UTF-8, atomically."""
+    """Write `text` as UTF-8, atomically. Raises InputError for text that UTF-8 can't hold: part of a file's name."""
+    try:
+        content = text.encode()
+    except UnicodeEncodeError as error:
+        found = f"a name that isn't UTF-8 ({text[max(0, error.start - 20) : error.end + 20]!r})"
+        raise InputError(path, found, "names in UTF-8") from None
     with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_bytes(content)
 
 
 def canonical_json(value: Any) -> str:

@@ -43,8 +43,12 @@ def check_file(path: Path, expected: str) -> int:
     """The size in bytes of a regular file, or of one that a link leads to.
 
     Raises InputError for anything else, before it is opened: a FIFO without a writer would never open, and a device
-    never ends.
+    never ends. So it does for a path that isn't UTF-8, which no library takes and no manifest holds.
     """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise InputError(path, "a path that isn't UTF-8", f"{expected}, under a name in UTF-8") from None
     try:
         status = Path(path).stat()
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
