@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import fields
 from typing import Any
 
+from dofbench.core.markdown_text import block, literal
 from dofbench.core.number_lists import spelled
 from dofbench.core.option_rules import flag
 from dofbench.procedural.scene_options import MakeScene
@@ -12,12 +14,12 @@ from dofbench.procedural.scene_options import MakeScene
 
 def command(recipe: str, settings: MakeScene) -> str:
     """The command line that makes this scene."""
-    words = ["dofbench make-scene", recipe]
+    words = ["dofbench", "make-scene", recipe]
     for field in fields(MakeScene):
         value = getattr(settings, field.name)
         if field.name not in ("recipe", "out", "variant") and value != field.default:
-            words.append(f"{flag(field.name)} {spelled(value) if isinstance(value, tuple) else value}")
-    return " ".join(words)
+            words += [flag(field.name), spelled(value) if isinstance(value, tuple) else str(value)]
+    return shlex.join(words)
 
 
 def readme(record: dict[str, Any], settings: MakeScene) -> str:
@@ -25,11 +27,11 @@ def readme(record: dict[str, Any], settings: MakeScene) -> str:
     depth, render = record["depth"], record["render"]
     title = record["title"][0].upper() + record["title"][1:]
     size = f"{settings.width} x {settings.height}"
-    return f"""# {record["name"]}, a rendered scene
+    return f"""# {literal(record["name"])}, a rendered scene
 
 {title}. Everything is procedural, from seed {record["seed"]}; licence {record["licence"]}.
 
-    {command(record["recipe"], settings)}
+{block(command(record["recipe"], settings))}
 
 | what | where |
 | --- | --- |

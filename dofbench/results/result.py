@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from dofbench.core.digests import FIELD, require_digest, write_with_digest
 from dofbench.core.errors import InputError, Status
@@ -17,6 +17,7 @@ from dofbench.core.evidence import Photographer, Role
 from dofbench.core.files import canonical_json, sha256_text
 from dofbench.core.names import InsideName, InsidePath
 from dofbench.core.readable import parse_json, read_text
+from dofbench.dataset.points_record import PointsRecord
 
 SCHEMA_VERSION = 6
 RESULT_FILE = "result.json"
@@ -85,6 +86,46 @@ class Stored(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True, protected_namespaces=())
 
 
+# Seconds, bytes, steps, counts: what a run took is measured, so it is finite, whatever became of its scores.
+_LARGEST = 1e15
+Amount = Annotated[float, Field(ge=0, le=_LARGEST, allow_inf_nan=False)]
+_AMOUNTS = ("train_s", "train_cpu_s", "cold_start_s", "steps", "render_fps", "peak_mb", "gaussians")
+
+
+class _Recorded(BaseModel):
+    """Base of the records in `plan` and `machine` that reports read; other entries are kept as they are."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False, protected_namespaces=())
+
+
+class _PlannedStage(_Recorded):
+    name: str
+    runs: bool
+    reason: str
+
+
+class _PlannedLenses(_Recorded):
+    assign: str
+    train: dict[str, tuple[float, float] | None]
+    test: dict[str, tuple[float, float] | None]
+
+
+class _Plan(_Recorded):
+    train_views: int = Field(ge=0, le=_LARGEST)
+    test_views: int = Field(ge=0, le=_LARGEST)
+    stages: list[_PlannedStage]
+    lenses: _PlannedLenses | None = None
+    points: PointsRecord | None = None
+
+
+class _Machine(_Recorded):
+    cpu: str
+    cores: int
+    memory_gib: float
+    os: str
+    python: str
+
+
 class Spec(Stored):
     """Exactly the settings that decide a result; their hash is the cache key.
 
@@ -119,8 +160,8 @@ class Spec(Stored):
 class StageTime(Stored):
     """Seconds that one stage took: wall, and CPU over all threads."""
 
-    wall: float
-    cpu: float
+    wall: Amount
+    cpu: Amount
 
 
 class CurvePoint(Stored):
@@ -130,9 +171,9 @@ class CurvePoint(Stored):
     schema version 2. loss: mean training loss since the previous point; None if no step was taken in between.
     """
 
-    train_s: float
-    train_cpu_s: float | None
-    steps: int
+    train_s: Amount
+    train_cpu_s: Amount | None
+    steps: int = Field(ge=0, le=_LARGEST)
     loss: float | None
     scores: dict[str, float]
 
@@ -176,7 +217,7 @@ class ViewFit(Stored):
     training time."""
 
     name: str
-    seconds: float
+    seconds: Amount
     halves: list[HalfFitted]
 
 
@@ -258,7 +299,7 @@ class Result(Stored):
     foci: list[ViewFocus]
     curve: list[CurvePoint]
     stages: dict[str, StageTime]
-    method_stages: dict[str, float]
+    method_stages: dict[str, Amount]
     description: dict[str, float]
     kernels_compiled: int | None
     nonfinite: list[Event]
@@ -268,6 +309,20 @@ class Result(Stored):
     machine: dict[str, str | int | float]
     packages: dict[str, str]
     digest: str | None = None
+
+    @field_validator("plan", "machine")
+    @classmethod
+    def _as_reports_read_it(cls, value: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        (_Plan if info.field_name == "plan" else _Machine).model_validate(value)
+        return value
+
+    @field_validator("scores")
+    @classmethod
+    def _measured_amounts(cls, scores: dict[str, float]) -> dict[str, float]:
+        for column in _AMOUNTS:
+            if column in scores and not 0 <= scores[column] <= _LARGEST:  # NaN compares false
+                raise ValueError(f"{column} = {scores[column]}, expected a finite amount")
+        return scores
 
     @property
     def finished(self) -> bool:

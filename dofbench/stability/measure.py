@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from dofbench.core.files import write_text
+from dofbench.core.markdown_text import code
 from dofbench.core.progress import say
 from dofbench.results import provenance
 from dofbench.stability.case import Case, Found, Setting
@@ -115,7 +116,7 @@ def _heading(settings: Stability) -> list[str]:
     git, facts = provenance.git_state(), provenance.machine("cpu")
     commit = "" if git is None else f", commit {str(git['commit'])[:12]}{' + changes' if git['dirty'] else ''}"
     return [
-        f"`{shlex.join(words)}`{commit}; {facts['cpu']}, {torch.get_num_threads()} thread"
+        f"{code(shlex.join(words))}{commit}; {facts['cpu']}, {torch.get_num_threads()} thread"
         f"{'s' if torch.get_num_threads() != 1 else ''}, torch {torch.__version__}.",
         "",
         "Each row is a case in one backend and precision. It is met where the error is at most the bound, which "

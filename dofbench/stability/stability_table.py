@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-from dofbench.reporting.markdown_writer import plain
+from dofbench.core.markdown_text import literal
 from dofbench.stability.stability_options import GROUPS
 
 # Rounding may differ by machine, so a case close to its bound may meet it on one machine and not on another; a known
@@ -75,7 +75,7 @@ def markdown(rows: Sequence[Row], explained: dict[str, Explained], heading: Sequ
             lines += [f"## {title}", "", "| case | backend | error | bound | why |", "| --- | --- | --- | --- | --- |"]
             lines += [
                 f"| {row.group}/{row.case} | {row.backend} {row.precision} | {row.error:.3g} | {row.bound:.3g} | "
-                f"{plain(row.note)} |"
+                f"{literal(row.note)} |"
                 for row in some
             ] + [""]
     for group in GROUPS:
@@ -101,7 +101,7 @@ def markdown(rows: Sequence[Row], explained: dict[str, Explained], heading: Sequ
                 row.verdict,
                 found,
             ]
-            lines.append("| " + " | ".join(map(plain, cells)) + " |")
+            lines.append("| " + " | ".join(map(literal, cells)) + " |")
             before = row.case
         lines.append("")
     return "\n".join(lines)

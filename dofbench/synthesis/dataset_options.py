@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 from dataclasses import Field, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -345,14 +346,14 @@ class DatasetOptions:
 
     def command(self, scene_name: str) -> str:
         """The command line that makes this dataset, with the scene's name in place of its path."""
-        words = ["dofbench make-dataset", scene_name]
+        words = ["dofbench", "make-dataset", scene_name]
         default = MakeDataset().recipe()
         for key, value in self.recipe().items():
             if value is True:
                 words.append(flag(key))
             elif value != default.get(key):
-                words.append(f"{flag(key)} {spelled(value) if isinstance(value, list) else value}")
-        return " ".join(words)
+                words += [flag(key), spelled(value) if isinstance(value, list) else str(value)]
+        return shlex.join(words)
 
 
 @dataclass(frozen=True)

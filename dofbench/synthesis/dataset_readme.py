@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import textwrap
 from collections.abc import Sequence
 
 from dofbench import __version__
 from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS, Photographer
+from dofbench.core.markdown_text import block, code, literal, visible
 from dofbench.dataset.points_record import PointsRecord, points_in_words
 from dofbench.dataset.schema import DepthRecord, SourceRecord, ThinLensRecord, ViewRecord
 from dofbench.scenes.named.schema import NOT_STATED
@@ -37,7 +39,7 @@ DEPTH_TEXT = {
 }
 
 _TEXT = """\
-# {name}: shallow depth of field with a known lens
+# {title}: shallow depth of field with a known lens
 
 ![A few views: original, depth, circle of confusion, shallow photograph](contact_sheet.png)
 
@@ -47,7 +49,7 @@ method learns from the images can be compared with the truth.
 
 Made by dofbench {version}:
 
-    {command}
+{command}
 
 Running it again on the same scene gives the same bytes{but}:
 `dofbench make-dataset SCENE --like dataset.json --out DIR` does so and compares them. `dofbench check` compares every
@@ -100,7 +102,7 @@ The lenses were {dealt}; the largest radius is {largest:.1f} pixels.
 ## Reading it
 
     from dofbench import Dataset
-    dataset = Dataset.load("{name}")
+    dataset = Dataset.load({quoted})
     training_set = dataset.training_set()        # shallow images, cameras, points; nothing of the lens or depth
     view = dataset.test_views()[0]
     dataset.image(view), dataset.all_in_focus(view), dataset.depth(view), view.lens
@@ -110,7 +112,7 @@ nerfstudio, gsplat, COLMAP and their like. Views in `test_filenames` of `transfo
 {lost}
 ## Source
 
-The all-in-focus images are those of the scene "{scene}" ({layout} layout){origin}; their sha256 are in `dataset.json`.
+The all-in-focus images are those of the scene "{title}" ({layout} layout){origin}; their sha256 are in `dataset.json`.
 
 {licence}
 """
@@ -154,11 +156,11 @@ def readme_text(
     linear = "half" if settings.linear == "exr-half" else "float"
     sharp = "all_in_focus_linear" if all(image.linear for image in source.images) else "all_in_focus"
     return _TEXT.format(
-        name=scene.name,
-        scene=scene.name,
+        title=literal(scene.name),
+        quoted=json.dumps(visible(scene.name), ensure_ascii=False),
         layout=scene.layout,
         version=__version__,
-        command=settings.command(settings.scene or scene.name),
+        command=block(settings.command(settings.scene or scene.name)),
         count=len(records),
         train=sum(record.split == "train" for record in records),
         test=sum(record.split == "test" for record in records),
@@ -178,9 +180,9 @@ def readme_text(
         dealt=_dealt_text(settings),
         bits=settings.bits,
         sensor=_sensor_text(settings),
-        lost="".join(f"\nCareful: {note}.\n" for note in lost) + reading_text(scene),
+        lost="".join(f"\nCareful: {literal(note)}.\n" for note in lost) + reading_text(scene),
         but=" but for a rare last bit of the ray tracer's" if blur.renderer == "thinlens" else "",
-        origin=f", from {source.origin}" if source.origin else "",
+        origin=f", from {literal(source.origin)}" if source.origin else "",
         evidence=evidence_text(source, settings.renderer),
         licence=licence_text(scene, source),
     )
@@ -188,7 +190,8 @@ def readme_text(
 
 def evidence_text(source: SourceRecord, photographer: Photographer) -> str:
     """The role of the scene, with the file that states it, and what took the photographs."""
-    by = f" Stated in `datasets/{source.role_by.partition('/')[0]}.toml`." if source.role_by else ""
+    named = (source.role_by or "").partition("/")[0]
+    by = f" Stated in {code(f'datasets/{named}.toml')}." if source.role_by else ""
     return f"- {ROLE_SAYS[source.role]}{by}\n- {PHOTOGRAPHER_SAYS[photographer]}"
 
 
@@ -205,19 +208,20 @@ def seen_text(points: PointsRecord) -> str:
 
 def reading_text(scene: Scene) -> str:
     """What was chosen, changed or skipped while the scene was read; empty where nothing was."""
-    return "".join(f"\nWhile reading the scene: {note}.\n" for note in scene.notes)
+    return "".join(f"\nWhile reading the scene: {literal(note)}.\n" for note in scene.notes)
 
 
 def licence_text(scene: Scene, source: SourceRecord) -> str:
     """The terms of the images, where to find details, and whom to cite."""
-    lines = [f"Licence of the images: {source.licence}{f' ({source.terms})' if source.terms else ''}."]
+    terms = f" ({literal(source.terms)})" if source.terms else ""
+    lines = [f"Licence of the images: {literal(source.licence)}{terms}."]
     notes = [f"`{name}`" for name in _NOTES if (scene.root / name).is_file()]
     if notes:
         lines.append(f"The scene's own words on terms and authors: {' and '.join(notes)} of its folder.")
     elif source.licence == NOT_STATED:
         lines.append("Find out their terms before you share them.")
     if source.citation:
-        lines += ["Please cite:", "", *(f"- {reference}" for reference in source.citation)]
+        lines += ["Please cite:", "", *(f"- {literal(reference)}" for reference in source.citation)]
     else:
         lines.append("Please cite their authors.")
     return "\n".join(lines)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 
 from dofbench import __version__
 from dofbench.core.exif import Exif
+from dofbench.core.markdown_text import block, literal, visible
 from dofbench.dataset.points_record import PointsRecord
 from dofbench.dataset.schema import DepthRecord, SourceRecord
 from dofbench.scenes.scene import Scene
@@ -14,7 +16,7 @@ from dofbench.synthesis.dataset_options import MakeDataset
 from dofbench.synthesis.dataset_readme import DEPTH_TEXT, evidence_text, licence_text, reading_text, seen_text
 
 _TEXT = """\
-# {name}: photographs with shallow depth of field, lens unknown
+# {title}: photographs with shallow depth of field, lens unknown
 
 ![A few views: the photograph, and what else is known of it](contact_sheet.png)
 
@@ -24,7 +26,7 @@ distortion that the scene's cameras have is taken out.
 
 Made by dofbench {version}:
 
-    {command}
+{command}
 
 Running it again on the same scene gives the same bytes:
 `dofbench make-dataset SCENE --like dataset.json --out DIR` does so and compares them. `dofbench check` compares every
@@ -51,7 +53,7 @@ file with its checksum in `dataset.json`.
 ## Reading it
 
     from dofbench import Dataset
-    dataset = Dataset.load("{name}")
+    dataset = Dataset.load({quoted})
     training_set = dataset.training_set()        # photographs, cameras, points
     view = dataset.test_views()[0]
     view.lens                                    # None: nobody knows it
@@ -64,7 +66,7 @@ file with its checksum in `dataset.json`.
 {lost}
 ## Source
 
-The photographs are those of the scene "{name}" ({layout} layout){origin}; their sha256 are in `dataset.json`.
+The photographs are those of the scene "{title}" ({layout} layout){origin}; their sha256 are in `dataset.json`.
 
 {licence}
 """
@@ -89,7 +91,8 @@ def photographs_readme(
     origin = "" if depth is None else DEPTH_TEXT[depth.source]
     files = _files(len(sharp), measured, origin, len(views), bounded, any(view.exif is not None for view in views))
     return _TEXT.format(
-        name=scene.name,
+        title=literal(scene.name),
+        quoted=json.dumps(visible(scene.name), ensure_ascii=False),
         layout=scene.layout,
         version=__version__,
         count=len(views),
@@ -99,13 +102,13 @@ def photographs_readme(
         resized=" but for its size" if settings.width is not None else "",
         shallow=len(views) - len(sharp),
         sharp=len(sharp),
-        command=settings.command(settings.scene or scene.name),
+        command=block(settings.command(settings.scene or scene.name)),
         files="\n".join(f"| {name} | {what} |" for name, what in files),
         seen=seen_text(points),
         exif=_exif_text(scene),
         missing="\n".join(f"- {line}" for line in _missing(len(sharp), measured, len(views), bounded)),
-        lost="".join(f"\nCareful: {note}.\n" for note in lost) + reading_text(scene),
-        origin=f", from {source.origin}" if source.origin else "",
+        lost="".join(f"\nCareful: {literal(note)}.\n" for note in lost) + reading_text(scene),
+        origin=f", from {literal(source.origin)}" if source.origin else "",
         evidence=evidence_text(source, "unknown"),
         licence=licence_text(scene, source),
     )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import shlex
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 from dofbench import __version__
@@ -23,7 +25,7 @@ def make_again(settings: MakeDatasets, progress: Progress) -> list[str]:
     assert settings.like is not None
     like = settings.like if settings.like.is_dir() else settings.like.parent
     manifest = read_manifest(like)
-    one = _settings(settings, manifest)
+    one = _settings(settings, manifest, like)
     if one.out is not None and one.out.resolve() == like.resolve():
         raise InputError("--out", f"{one.out}, the dataset that is to be made again", "another folder")
     if manifest.dofbench != __version__:
@@ -35,7 +37,7 @@ def make_again(settings: MakeDatasets, progress: Progress) -> list[str]:
     return sorted(name for name in again.keys() | manifest.files.keys() if again.get(name) != manifest.files.get(name))
 
 
-def _settings(settings: MakeDatasets, manifest: Manifest) -> MakeDataset:
+def _settings(settings: MakeDatasets, manifest: Manifest, like: Path) -> MakeDataset:
     options: dict[str, Any] = {}
     for field in fields(DatasetOptions):
         given = getattr(settings, field.name)
@@ -54,5 +56,16 @@ def _settings(settings: MakeDatasets, manifest: Manifest) -> MakeDataset:
         options[field.name] = tuple(stored) if isinstance(stored, list) else stored
     if len(settings.scenes) > 1:
         raise InputError("--like", f"{len(settings.scenes)} scenes", "the one that the manifest is of")
-    scene = settings.scenes[0] if settings.scenes else shlex.split(manifest.command)[2]
-    return MakeDataset(**options, scene=scene)
+    return MakeDataset(**options, scene=settings.scenes[0] if settings.scenes else _scene_of(manifest, like))
+
+
+def _scene_of(manifest: Manifest, like: Path) -> str:
+    """The scene in the manifest's command. Older versions wrote a name with a blank without quotes."""
+    try:
+        words = shlex.split(manifest.command)[2:]
+    except ValueError:  # a quote that isn't closed
+        words = []
+    scene = " ".join(itertools.takewhile(lambda word: not word.startswith("--"), words))
+    if not scene:
+        raise InputError(like / MANIFEST, f"the command {manifest.command!r}", "one that names the scene")
+    return scene

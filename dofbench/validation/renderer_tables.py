@@ -7,12 +7,14 @@ import io
 import itertools
 import math
 import os
+import shlex
 from collections.abc import Iterable
 from dataclasses import asdict, fields
 from pathlib import Path
 
 import numpy as np
 
+from dofbench.core.markdown_text import code
 from dofbench.validation.regions import REGIONS
 from dofbench.validation.renderer_scores import Score
 from dofbench.validation.validation_options import ValidateRenderer
@@ -208,5 +210,5 @@ def _load() -> str:
 
 
 def _command(settings: ValidateRenderer) -> str:
-    words = ["dofbench validate-renderer", *(folder.name for folder in settings.truths)]
-    return f"`{' '.join(words + ([] if settings.planes else ['--no-planes']))}`"
+    words = ["dofbench", "validate-renderer", *(folder.name for folder in settings.truths)]
+    return code(shlex.join(words + ([] if settings.planes else ["--no-planes"])))

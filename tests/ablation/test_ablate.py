@@ -360,7 +360,7 @@ def test_options_for_every_row(ablate, tmp_path: Path) -> None:
         ({"set": ("nois=1",)}, "table noise, row some: option nois: found an unknown name"),
         ({"preset": "best"}, "table noise, row some: preset of fake: found 'best'"),
         ({"data": "nowhere"}, "nowhere: found no"),
-        ({"tables": Path("none.toml")}, "none.toml: found No such file"),
+        ({"tables": Path("none.toml")}, "none.toml: found no such file"),
     ],
 )
 def test_a_wrong_call_is_one_line_before_anything_runs(ablate, tmp_path: Path, changes: dict, subject: str) -> None:

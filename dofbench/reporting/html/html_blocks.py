@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from html import escape
 
+from dofbench.core.markdown_text import MARKUP
 from dofbench.reporting.footnotes import Footnotes, one_line
 from dofbench.reporting.view import (
     Block,
@@ -21,7 +22,6 @@ from dofbench.reporting.view import (
     Table,
 )
 
-_MARKUP = re.compile(r"`([^`]+)`|\*\*([^*]+)\*\*|\*([^*]+)\*")
 _CLASSES = {"number": "number", "published": "number theirs", "gap": "number gap", "failed": "number failure"}
 _LONG = 40  # characters: a column of words at least this long gets a minimum width
 
@@ -99,7 +99,7 @@ def _inline(text: str) -> str:
                 return f"<{tag}>{inside}</{tag}>"
         return found[0]
 
-    return _MARKUP.sub(marked, escape(text))
+    return MARKUP.sub(marked, escape(text))
 
 
 def _groups(headings: Sequence[Heading]) -> list[tuple[str, int]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -87,7 +88,8 @@ class Reconstruct:
     def command(self) -> str:
         """The command line of these settings."""
         defaults = {name: field.default for name, field in self.__dataclass_fields__.items()}
-        options = [
-            f"--{name.replace('_', '-')} {value}" for name, value in self.recipe().items() if value != defaults[name]
-        ]
-        return " ".join(["dofbench reconstruct", str(self.source), "--out", str(self.out), *options])
+        words = ["dofbench", "reconstruct", str(self.source), "--out", str(self.out)]
+        for name, value in self.recipe().items():
+            if value != defaults[name]:
+                words += [f"--{name.replace('_', '-')}", str(value)]
+        return shlex.join(words)
