@@ -89,6 +89,7 @@ class Stored(BaseModel):
 # Seconds, bytes, steps, counts: what a run took is measured, so it is finite, whatever became of its scores.
 _LARGEST = 1e15
 Amount = Annotated[float, Field(ge=0, le=_LARGEST, allow_inf_nan=False)]
+_READING = "reading"
 _AMOUNTS = ("train_s", "train_cpu_s", "cold_start_s", "steps", "render_fps", "peak_mb", "gaussians")
 
 
@@ -313,13 +314,15 @@ class Result(Stored):
     @field_validator("plan", "machine")
     @classmethod
     def _as_reports_read_it(cls, value: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
-        (_Plan if info.field_name == "plan" else _Machine).model_validate(value)
+        # Not while a run writes its result, which may state whatever became of it.
+        if info.context == _READING:
+            (_Plan if info.field_name == "plan" else _Machine).model_validate(value)
         return value
 
     @field_validator("scores")
     @classmethod
-    def _measured_amounts(cls, scores: dict[str, float]) -> dict[str, float]:
-        for column in _AMOUNTS:
+    def _measured_amounts(cls, scores: dict[str, float], info: ValidationInfo) -> dict[str, float]:
+        for column in _AMOUNTS if info.context == _READING else ():
             if column in scores and not 0 <= scores[column] <= _LARGEST:  # NaN compares false
                 raise ValueError(f"{column} = {scores[column]}, expected a finite amount")
         return scores
@@ -351,7 +354,7 @@ def read_result(path: Path) -> Result:
         if FIELD in data and isinstance(version, int) and version < SCHEMA_VERSION:
             raise InputError(path, f"a digest in schema_version {version}", f"schema_version {SCHEMA_VERSION}")
     try:
-        return Result.model_validate(migrate(data, path))
+        return Result.model_validate(migrate(data, path), context=_READING)
     except ValidationError as error:
         problems = [f"{'.'.join(map(str, e['loc'])) or 'the whole'}: {e['msg']}" for e in error.errors()]
         raise InputError(path, "; ".join(problems), f"a result of schema version {SCHEMA_VERSION}") from None

@@ -43,7 +43,7 @@ def make_result(**changes) -> Result:
         "key": spec.key,
         "spec": spec,
         "protocol": {},
-        "plan": {},
+        "plan": {"train_views": 2, "test_views": 1, "stages": []},
         "status": "ok",
         "message": "",
         "traceback": "",
@@ -75,7 +75,7 @@ def make_result(**changes) -> Result:
         "predictions": {},
         "model": {},
         "git": None,
-        "machine": {},
+        "machine": {"cpu": "a processor", "cores": 2, "memory_gib": 8.0, "os": "Linux", "python": "3.11.7"},
         "packages": {},
     }
     return Result(**{**values, **changes})
@@ -125,6 +125,22 @@ def test_a_result_reads_back(tmp_path: Path) -> None:
     read = read_result(tmp_path)
     assert read.digest is not None and read.model_copy(update={"digest": None}) == written
     assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"plan": {}}, "plan"),
+        ({"plan": {"train_views": 2, "test_views": 1, "stages": [{"name": "x"}]}}, "plan"),
+        ({"machine": {}}, "machine"),
+        ({"scores": {"train_s": math.nan}}, "train_s"),
+        ({"scores": {"steps": math.inf}}, "steps"),
+    ],
+)
+def test_what_a_report_cannot_show_is_named(tmp_path: Path, change: dict, named: str) -> None:
+    write_result(tmp_path, make_result(**change))
+    with pytest.raises(InputError, match=named):
+        read_result(tmp_path)
 
 
 def test_old_results_are_migrated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
