@@ -15,7 +15,9 @@ from dofbench.scenes.folders import contents, image_files, marked_hold
 from dofbench.scenes.found_masks import ALPHAS, with_masks
 from dofbench.scenes.local_frame import AnotherFrame
 from dofbench.scenes.marked_sharp import marked_are_sharper
+from dofbench.scenes.nerfstudio import listed_split
 from dofbench.scenes.scene import Alpha, Scene
+from dofbench.scenes.split_files import split_by
 from dofbench.scenes.views import by_marker
 
 # In the order of detection. transforms.json says most (a camera a view, distortion, depth, split);
@@ -145,12 +147,16 @@ def _model_by_itself(root: Path, error: AnotherFrame, **options: int | str | Non
         scene = _read("colmap", root, **options)
     except InputError:
         return None
-    frames = read_json(root / "transforms.json")["frames"]
-    if scene.points is None or len(scene.views) < len(frames):
+    content = read_json(root / "transforms.json")
+    if scene.points is None or len(scene.views) < len(content["frames"]):
         return None
+    lists = listed_split(content, root / "transforms.json") if options["hold"] is None else None
+    if lists is not None:
+        scene = split_by(scene, [lists], {})
+    used = "nothing" if lists is None else "nothing but the split"
     return scene.noted(
         f"transforms.json and the COLMAP model are in different frames ({error.subject}: {error.found}); "
-        "read as --layout colmap, with nothing from transforms.json"
+        f"read as --layout colmap, with {used} from transforms.json"
     )
 
 

@@ -32,7 +32,7 @@ from dofbench.scenes.name_match import plain, plain_inside
 from dofbench.scenes.ply import read_ply
 from dofbench.scenes.poses import Mended, invert, opengl_to_opencv, rigid
 from dofbench.scenes.scene import Scene, Split
-from dofbench.scenes.split_files import agreed, split_sources
+from dofbench.scenes.split_files import FileSplit, agreed, split_sources
 from dofbench.scenes.undistort import Intrinsics
 from dofbench.scenes.unused import other_format, skipped, without_pose
 from dofbench.scenes.views import Frame, assemble, check_inside, held_as_asked, held_out
@@ -246,6 +246,17 @@ def _listed_paths(content: Mapping[str, Any], key: str, file: Path) -> set[str] 
     if unknown:
         raise InputError(file, f"{listed(unknown)} in {key}, which no frame has", "a list of the frames' file_path")
     return paths
+
+
+def listed_split(content: Mapping[str, Any], file: Path) -> FileSplit | None:
+    """The lists of a transforms.json, for a scene that is read from another file; None without those of train and test.
+
+    Raises InputError for lists that are none."""
+    lists = {part: _listed_paths(content, f"{part}_filenames", file) for part in ("train", "test", "val")}
+    if lists["train"] is None and lists["test"] is None:
+        return None
+    names = {part: tuple(sorted(paths)) for part, paths in lists.items() if paths is not None}
+    return FileSplit(f"the lists of {_FILE}", file, names)
 
 
 def _set_aside(content: Mapping[str, Any], file: Path) -> set[str]:

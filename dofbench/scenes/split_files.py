@@ -55,8 +55,13 @@ def split_by_files(scene: Scene, known_as: Mapping[Path, str], absent: Collectio
     that no image has, or several; views in two lists or none; and files that contradict each other.
     """
     found = find_splits(scene.root)
-    if not found:
-        return None
+    return split_by(scene, found, known_as, absent) if found else None
+
+
+def split_by(
+    scene: Scene, found: Sequence[FileSplit], known_as: Mapping[Path, str], absent: Collection[str] = ()
+) -> Scene:
+    """As `split_by_files`, for the splits that are given, one at least."""
     splits = [_applied(split, scene, known_as, absent) for split in found]
     for split, other in zip(found[1:], splits[1:], strict=True):
         if other != splits[0]:

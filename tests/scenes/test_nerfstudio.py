@@ -394,6 +394,16 @@ def test_a_model_that_is_good_by_itself_is_not_hidden_by_a_file_in_another_frame
     assert load_scene(beside, layout="colmap").layout == "colmap" and load_scene(beside, layout="colmap").notes == ()
 
 
+def test_a_file_in_another_frame_still_says_the_split(beside):
+    edit(beside, FRAMES["turned"])
+    paths = [frame["file_path"] for frame in json.loads((beside / "transforms.json").read_text())["frames"]]
+    edit(beside, lambda content: content.update(train_filenames=[paths[0], *paths[2:]], test_filenames=[paths[1]]))
+    scene = load_scene(beside)
+    assert scene.layout == "colmap" and [view.name for view in scene.test_views()] == ["1"]
+    assert "transforms.json" in scene.split_by
+    assert [view.name for view in load_scene(beside, hold=3).test_views()] == ["0", "3"]
+
+
 def test_refined_poses_are_in_one_frame_with_the_model_that_they_came_from(beside, make_cameras, capsys):
     spread = np.std([camera.camera_to_world[:3, 3] for camera in make_cameras(4)])
     rng = np.random.default_rng(0)
