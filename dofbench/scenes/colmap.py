@@ -193,7 +193,10 @@ def _model(
             rigid(image.cam_from_world().matrix(), images_file, called[image.image_id]) for image in posed
         ),
         points=_points(reconstruction, [image.image_id for image in posed], folder / f"points3D{suffix}"),
-        notes=_without_pose(len(reconstruction.images), len(posed), images_file),
+        notes=(
+            *_without_pose(len(reconstruction.images), len(posed), images_file),
+            *_missing_points(reconstruction, folder / f"points3D{suffix}"),
+        ),
     )
     centres = np.stack([invert(pose)[:3, 3] for pose in model.world_to_camera])
     if local_offset(centres, model.points) != NO_OFFSET:
@@ -226,6 +229,17 @@ def _misplaced(reconstruction: pycolmap.Reconstruction) -> tuple[str, ...]:
 
 def _without_pose(images: int, posed: int, file: Path) -> tuple[str, ...]:
     return (f"{images} images in {file.name}, {images - posed} without a pose: skipped",) if posed < images else ()
+
+
+def _missing_points(reconstruction: pycolmap.Reconstruction, file: Path) -> tuple[str, ...]:
+    """A note on points that images saw and their own file doesn't have: it may have been cut or filtered."""
+    seen = sum(image.num_points3D for image in reconstruction.images.values())
+    tracked = sum(point.track.length() for point in reconstruction.points3D.values())
+    if seen <= tracked:
+        return ()
+    return (
+        f"{file.name} has {len(reconstruction.points3D)} points, with {tracked} of the {seen} sightings in the images",
+    )
 
 
 def _check_pose(image: pycolmap.Image, pose: Sequence[float], name: str, file: Path) -> None:

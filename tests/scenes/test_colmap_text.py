@@ -101,6 +101,26 @@ def test_one_second_line_that_is_missing(model: Path) -> None:
     assert found.names == expected.names and "1 of 3" in found.notes[0]
 
 
+@pytest.mark.parametrize("suffix", [".txt", ".bin"])
+def test_points_that_are_gone_are_named(model: Path, suffix: str) -> None:
+    whole = read_model(model)
+    if suffix == ".bin":
+        reconstruction = pycolmap.Reconstruction(str(model))
+        reconstruction.write_binary(str(model))
+        file = model / "points3D.bin"
+        content = file.read_bytes()
+        end = 8
+        for _ in range(5):
+            end += 51 + 8 * int.from_bytes(content[end + 43 : end + 51], "little")
+        file.write_bytes((5).to_bytes(8, "little") + content[8:end])
+    else:
+        lines = (model / "points3D.txt").read_text().split("\n")
+        (model / "points3D.txt").write_text("\n".join([line for line in lines if not line.startswith("#")][:5]))
+    found = read_model(model)
+    assert len(found.points) == 5 and not whole.notes
+    assert any("has 5 points" in note for note in found.notes)
+
+
 def test_byte_order_marks_and_line_ends_of_windows(model: Path) -> None:
     expected = read_model(model)
     for file in model.iterdir():
