@@ -9,7 +9,8 @@ import pycolmap
 import pytest
 from tolerances import FAR_POSITION
 
-from dofbench.core.files import read_json, write_json
+from dofbench.core.digests import write_with_digest
+from dofbench.core.files import read_json
 from dofbench.core.progress import Silent
 from dofbench.dataset.dataset import Dataset
 from dofbench.scenes.loading import load_scene
@@ -85,5 +86,5 @@ def test_the_dataset_says_what_is_subtracted(far, tmp_path):
     for entry in far.iterdir():
         (other / entry.name).symlink_to(entry)
     (other / "dataset.json").unlink()
-    write_json(other / "dataset.json", content)
+    write_with_digest(other / "dataset.json", content)
     close(Dataset.load(other).views[0].camera.centre, before.views[0].camera.centre - 8)
