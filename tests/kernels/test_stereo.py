@@ -14,7 +14,7 @@ from dofbench.kernels import load
 
 
 @settings(max_examples=12)
-@given(st.integers(1, 24), st.integers(1, 40), st.integers(1, 4), st.integers(1, 7), st.integers(1, 3), st.data())
+@given(st.integers(1, 24), st.integers(2, 40), st.integers(1, 4), st.integers(1, 7), st.integers(1, 3), st.data())
 def test_the_kernel_is_the_definition(height, width, sources, planes, radius, data):
     best = data.draw(st.integers(1, sources))
     given_case = case(height, width, sources, planes, data.draw(st.integers(0, 99)))
