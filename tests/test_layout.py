@@ -180,16 +180,29 @@ def test_every_imported_package_is_declared() -> None:
                 assert found & names, f"{path.relative_to(ROOT)} imports {top}, which pyproject.toml doesn't declare"
 
 
+def pins(file: str) -> dict[str, str]:
+    """Versions by normalised name: the lines of a file of the repository that name a package, whatever stands behind."""
+    lines = re.findall(r"^([A-Za-z0-9._-]+)==([0-9][A-Za-z0-9.]*)", (ROOT / file).read_text(), re.MULTILINE)
+    return {re.sub(r"[-_.]+", "-", name).lower(): version for name, version in lines}
+
+
 def test_constraints_pin_every_declared_package_exactly() -> None:
     lines = [line for line in (ROOT / "constraints.txt").read_text().splitlines() if not line.startswith("#")]
     assert all(re.fullmatch(r"[A-Za-z0-9._-]+==[0-9][A-Za-z0-9.]*", line) for line in lines)
-    pinned = declared(lines)
+    pinned = pins("constraints.txt")
     assert len(pinned) == len(lines)
     project = PROJECT["project"]
-    # torch's build for CUDA asks for a Triton of its own, which a pin would get in the way of.
-    extras = [extra for name, extra in project["optional-dependencies"].items() if name != "gpu"]
-    assert declared([*project["dependencies"], *chain.from_iterable(extras)]) <= pinned
-    assert not {name for name in pinned if name.startswith(("nvidia", "cuda", "triton", "torchvision"))}
+    extras = chain.from_iterable(project["optional-dependencies"].values())
+    assert declared([*project["dependencies"], *extras, *PROJECT["build-system"]["requires"]]) <= set(pinned)
+
+
+def test_every_list_of_versions_has_the_same() -> None:
+    """That of the build, as pip's constraints don't reach it, and the one with hashes."""
+    pinned = pins("constraints.txt")
+    assert PROJECT["build-system"]["requires"] == [f"hatchling=={pinned['hatchling']}"]
+    hashed = pins("requirements-hashed.txt")
+    assert pinned.items() <= hashed.items()
+    assert set(hashed) - set(pinned) <= {"colorama"}  # on another system than Linux
 
 
 # ---- files ----
