@@ -181,7 +181,7 @@ def test_every_imported_package_is_declared() -> None:
 
 
 def pins(file: str) -> dict[str, str]:
-    """Versions by normalised name: the lines of a file of the repository that name a package, whatever stands behind."""
+    """Versions by normalised name, from the lines of a file of the repository that name a package."""
     lines = re.findall(r"^([A-Za-z0-9._-]+)==([0-9][A-Za-z0-9.]*)", (ROOT / file).read_text(), re.MULTILINE)
     return {re.sub(r"[-_.]+", "-", name).lower(): version for name, version in lines}
 
