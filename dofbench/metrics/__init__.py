@@ -40,8 +40,8 @@ class Metric:
     unit: empty for a plain number. higher_is_better: which way is better. best, worst: the ends of the range.
     needs: "images", a prediction and its truth, for `function`; "lens", true and learned lenses, for
     `lens_errors.lens_errors`, and "depth", rendered and exact depth, for `depth_errors`, and "exif", learned
-    lenses and what the camera wrote down, for `exif_errors`, where `function` is None. note: the choices behind the
-    number, for the foot of a table.
+    lenses and what the camera wrote down, for `exif_errors` and `exif_focus_errors`, where `function` is
+    None. note: the choices behind the number, for the foot of a table.
     """
 
     id: str
@@ -195,8 +195,8 @@ METRICS: dict[str, Metric] = {
             "focus rank correlation",
             "",
             True,
-            -1.0,
             1.0,
+            -1.0,
             "exif",
             None,
             "Spearman's, of the training views' learned focus disparity and 1 / focus distance in EXIF; 5 views and 3 "
