@@ -83,7 +83,7 @@ class Entry:
         datasets, whatever a plan left out there."""
         spec = self.spec
         # The overrides alone don't tell: --force-all changes none of them. Options say less, as plans change them too.
-        chosen = canonical_json(spec.overrides), self.choices or canonical_json(spec.options)
+        chosen = canonical_json([spec.overrides, spec.content]), self.choices or canonical_json(spec.options)
         return spec.method, spec.preset, *chosen, spec.budget, spec.device, spec.code
 
 

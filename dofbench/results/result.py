@@ -132,7 +132,8 @@ class Spec(Stored):
 
     options: those of the preset with the changes of plan and user; overrides: the user's changes. budget: in the form
     of `--budget`. dataset: its name. dataset_checksum: sha256 over its files. code: `<version>+<sha256>` of the sources
-    (`provenance.code_version`).
+    (`provenance.code_version`). content: option -> sha256 of the files that it names
+    (`dofbench.learning.content_options`); none where no option names any, and before version 6.
     """
 
     method: InsideName
@@ -146,11 +147,12 @@ class Spec(Stored):
     seed: int
     device: str
     code: str
+    content: dict[str, str] = {}
 
     @property
     def key(self) -> str:
         """sha256 of the spec as canonical JSON."""
-        return sha256_text(canonical_json(self.model_dump(mode="json")))
+        return sha256_text(canonical_json(self.model_dump(mode="json", exclude=set() if self.content else {"content"})))
 
     @property
     def folder(self) -> Path:

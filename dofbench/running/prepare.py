@@ -14,6 +14,7 @@ from dofbench.core.lens import framed_alike
 from dofbench.dataset.benchmark_dataset import BenchmarkDataset
 from dofbench.dataset.dataset import Dataset
 from dofbench.dataset.inputs import Inputs
+from dofbench.learning.content_options import content_digests
 from dofbench.results import provenance
 from dofbench.results.protocol import Protocol, protocol_for
 from dofbench.results.result import RESULT_FILE, Result, Spec, read_result
@@ -89,6 +90,8 @@ def _prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
     protocol = protocol_for(settings.inputs, photographs=photograph_columns(dataset))
     facts = _facts(data.resolve(), dataset.checksum, settings.inputs)
     plan = make_plan(entry, choices.options, choices.overrides, dataset, facts, protocol, force_all=settings.force_all)
+    method = entry.create(dict(plan.options), settings.seed, choices.device)  # raises for an unknown option
+    options = getattr(method, "options", None)
     spec = Spec(
         method=entry.id,
         preset=choices.preset,
@@ -101,9 +104,8 @@ def _prepare(settings: Run, choices: Choices, data: Path) -> Prepared:
         seed=settings.seed,
         device=choices.device,
         code=provenance.code_version(entry.folder, choices.device),
+        content=content_digests(options),
     )
-    method = entry.create(dict(plan.options), settings.seed, choices.device)  # raises for an unknown option
-    options = getattr(method, "options", None)
     known = asdict(options) if is_dataclass(options) and not isinstance(options, type) else spec.options
     pixels = [view.camera.width * view.camera.height for view in dataset.training_views()]
     planned = PlannedRun(

@@ -39,12 +39,12 @@ class Ramp(torch.nn.Module):
 
 @pytest.fixture
 def script(tmp_path):
-    """Save a module as TorchScript; returns the file's name."""
+    """Save a module as TorchScript; returns what the option must say."""
 
     def save(module: torch.nn.Module, name: str = "n.pt") -> str:
         torch.manual_seed(0)
         torch.jit.script(module).save(str(tmp_path / name))
-        return str(tmp_path / name)
+        return f"torchscript:{tmp_path / name}"
 
     return save
 
@@ -152,7 +152,7 @@ def test_networks_that_break_the_contract_are_named(photographed, known, script,
     training_set = photographed.training_set
     (tmp_path / "text.pt").write_text("no network")
     with pytest.raises(InputError, match=r"text\.pt"):
-        open_network(str(tmp_path / "text.pt"), training_set)
+        open_network(f"torchscript:{tmp_path / 'text.pt'}", training_set)
     with pytest.raises(InputError, match=r"\(B, 1, H, W\)"):
         predicted_depth(open_network(script(Ramp(2)), training_set), training_set, known)
     frozen = Ramp().requires_grad_(False)

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -17,6 +17,7 @@ import torch
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud, TrainingSet
 from dofbench.core.errors import InputError
+from dofbench.learning.content_options import CONTENT
 from dofbench.learning.priors.prior_progress import Progress, silent
 from dofbench.learning.supervision import DepthMap, DepthSamples, sparse_depth
 
@@ -29,10 +30,10 @@ class PriorOptions:
     """The depth that supervises: sparse, the sparse points; stereo, our stereo on the photographs, and the points;
     network, a depth network as it is; tuned, a network tuned to the scene by stereo depth and points; colmap, a dense
     workspace of COLMAP's. Unit: none. Source: tuned: section 4.2; others: own."""
-    depth_prior_file: str = ""
-    """File of a depth network of your own, TorchScript; without it the shipped network is used. Unit: none. Source:
-    own."""
-    depth_prior_workspace: str = ""
+    depth_prior_file: str = field(default="", metadata=CONTENT)
+    """File of a depth network of your own, ONNX, or torchscript:FILE for TorchScript that you trust: its code runs;
+    without it the shipped network is used. Unit: none. Source: own."""
+    depth_prior_workspace: str = field(default="", metadata=CONTENT)
     """COLMAP's dense folder: required by colmap; with tuned it replaces stereo. Unit: none. Source: released code."""
     depth_prior_coarser: int = 0
     """How many times stereo is repeated at half the previous size, to fill pixels without depth. Unit: none. Source:

@@ -1,14 +1,19 @@
 """Depth by a monocular network: the shipped network or one from a file, used as it is or tuned (`tuning.py`).
 
-A network from a file is TorchScript: input (B, 3, H, W) float32 RGB in [0, 1], H and W multiples of 32; output
-(B, 1, H, W), the logarithm of z-depth up to one constant a view. To be tuned, its parameters must require gradients.
-The network runs in evaluation mode: statistics of batch normalisation don't change.
+A network from a file is ONNX, with the side file that `dofbench.depth.network` describes: no code of the file's runs. A
+file with the weights of the shipped network's layers can be tuned, as the shipped one; any other is used as it is.
+
+A TorchScript file holds code that runs with the user's rights. It is loaded only where the option says so, as
+torchscript:FILE. Input (B, 3, H, W) float32 RGB in [0, 1], H and W multiples of 32; output (B, 1, H, W), the logarithm
+of z-depth up to one constant a view. To be tuned, its parameters must require gradients. The network runs in evaluation
+mode: statistics of batch normalisation don't change.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +24,10 @@ from torch.nn import functional
 from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.images import resize
-from dofbench.depth.align import fit
+from dofbench.depth.align import UNALIGNED, Alignment, fit
 from dofbench.depth.depthnet import MEAN, MULTIPLE, STD, load_folded
-from dofbench.depth.network import find_network, sampled
+from dofbench.depth.network import Network, find_network, sampled, side_file
+from dofbench.learning.content_options import TORCHSCRIPT
 from dofbench.learning.priors.prior_progress import Progress, silent
 from dofbench.learning.supervision import DepthMap, sparse_depth
 
@@ -55,14 +61,51 @@ class LogDepth(nn.Module):
         return -torch.log((functional.softplus(disparity, beta=20) + _FLOOR) * self.unit)
 
 
+class AlignedOnnx(nn.Module):
+    """Turns any ONNX network into one of log depth, by one alignment for the whole scene. Nothing of it can be tuned.
+
+    unit: the median disparity of the scene's points, 1 / scene unit; disparity is cut at `_FLOOR` of it, and at the
+    inverse share above.
+    """
+
+    def __init__(self, network: Network, alignment: Alignment, unit: float):
+        super().__init__()
+        self._network, self._alignment, self._unit = network, alignment, unit
+
+    def forward(self, images: Tensor) -> Tensor:
+        """(B, 3, H, W) in [0, 1] to (B, 1, H, W)."""
+        found = []
+        for image in images:
+            output = self._network.predict(image.permute(1, 2, 0).numpy(), "a training view")
+            disparity = self._alignment.disparity(output, self._network.description.output)
+            cut = np.clip(disparity, _FLOOR * self._unit, self._unit / _FLOOR).astype(np.float32)
+            found.append(torch.from_numpy(cut)[None])
+        whole = [
+            functional.interpolate(one[None], images.shape[2:], mode="bilinear", align_corners=False) for one in found
+        ]
+        return -torch.log(torch.cat(whole))
+
+
 def open_network(name: str, training_set: TrainingSet) -> nn.Module:
-    """A network of log depth: a TorchScript file, or for "" the shipped network scaled to the scene's disparities.
+    """A network of log depth, scaled to the scene's disparities: an ONNX file, or for "" the shipped network. With
+    `TORCHSCRIPT` before its name, a TorchScript file, whose code runs.
 
     Raises InputError for a file that isn't such a network.
     """
-    if name:
-        return _scripted(Path(name))
-    network = load_folded(find_network(SHIPPED)).eval()
+    if name.startswith(TORCHSCRIPT):
+        return _scripted(Path(name.removeprefix(TORCHSCRIPT)))
+    file = Path(name) if name else find_network(SHIPPED)
+    if not file.is_file():
+        raise InputError(file, "no such file", "an ONNX network")
+    if file.suffix.lower() != ".onnx":
+        expected = f"NETWORK.onnx, or {TORCHSCRIPT}{file} if you trust whoever made it: its code runs on this machine"
+        raise InputError(file, "no ONNX network by its name", expected)
+    try:
+        network = load_folded(file).eval()
+    except InputError:
+        if not name:
+            raise
+        return _aligned(Network(file), training_set).eval()
     unit, scale, shift = _scene_scale(network, training_set)
     return LogDepth(network, scale, shift, unit).eval()
 
@@ -145,6 +188,31 @@ def _scripted(file: Path) -> nn.Module:
     except (RuntimeError, ValueError) as error:
         reason = (str(error).strip().splitlines() or ["unreadable"])[0]
         raise InputError(file, f"no readable network ({reason[:120]})", "a TorchScript network") from None
+
+
+def _aligned(network: Network, training_set: TrainingSet) -> AlignedOnnx:
+    """The network with one alignment to the sparse points of all views, as its side file says."""
+    if training_set.points is None:
+        raise InputError("option depth_prior", "network for a training set without points", "sparse points")
+    outputs, disparities = [], []
+    for index, view in enumerate(training_set.views):
+        samples = sparse_depth(training_set.points, view.camera, index)
+        output = network.predict(network_input(view.image).permute(1, 2, 0).numpy(), view.name)
+        at = np.stack([samples.columns.numpy() + 0.5, samples.rows.numpy() + 0.5], axis=1)
+        outputs.append(sampled(output, at, view.camera.width, view.camera.height))
+        disparities.append(1 / samples.depth.numpy().astype(np.float64))
+    output, disparity = np.concatenate(outputs), np.concatenate(disparities)
+    unit = float(np.median(disparity)) if len(disparity) else 1.0
+    meaning, freedom = network.description.output, network.description.align
+    if freedom == "none":
+        return AlignedOnnx(network, UNALIGNED, unit)
+    found = fit(output, disparity / unit, np.ones(len(output)), meaning, freedom)
+    if found is None:
+        expected = f"a map that they follow; is it {meaning}, as {side_file(network.file).name} says?"
+        raise InputError(network.file, f"a map that {len(output)} sparse points don't follow", expected)
+    # The fit was made in the scene's own unit: disparity / unit, which is depth * unit.
+    factor = unit if meaning == "disparity" else 1 / unit
+    return AlignedOnnx(network, replace(found, scale=found.scale * factor, shift=found.shift * factor), unit)
 
 
 def _scene_scale(network: nn.Module, training_set: TrainingSet) -> tuple[float, float, float]:
