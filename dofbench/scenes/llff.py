@@ -51,8 +51,10 @@ def read_folder(root: Path, folder: Path, *, width: int | None, skip_missing: bo
     model = read_found(found) if found else None
     rows, notes = rows_of(file), list(model.notes if model else ())
     kept = list(range(len(rows)))
-    if len(rows) != len(files):
-        matched = None if model is None else find_matches(folder, model.names, model.folder)
+    matched = None if model is None else find_matches(folder, model.names, model.folder)
+    # As many files as rows, some of them of other images: some were deleted, others never had a pose.
+    others = model is not None and matched is not None and 0 < len(matched.present()) < len(model.names) == len(rows)
+    if len(rows) != len(files) or others:
         if model is None or matched is None or len(model.names) != len(rows) or not matched.present():
             cure = "; --layout colmap reads the COLMAP model by itself" if matched and matched.present() else ""
             raise InputError(folder, f"{len(files)} images", f"the {len(rows)} that {file} has poses for{cure}")

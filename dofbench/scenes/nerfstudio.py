@@ -128,8 +128,11 @@ def _path(entry: Mapping[str, Any], file: Path) -> str:
 
 
 def _inside(path: str, file: Path) -> str:
-    """A path relative to the scene folder, in which it has to stay. "../scene/images" may be spelled so as well."""
+    """A path relative to the scene folder, in which it has to stay, however it is spelled."""
     spelled = posixpath.normpath(plain(path))
+    for folder in (file.parent.absolute(), file.parent.resolve()):
+        # As some programs write them, on the machine where the scene still is.
+        spelled = spelled.removeprefix(f"{folder.as_posix()}/")
     if spelled.startswith("../"):
         found = f"{path}, which leads out of its folder"
         raise InputError(file, found, "paths inside it: move the file to the folder that has both, or link the images")

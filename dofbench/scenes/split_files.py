@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -142,7 +143,7 @@ def _views(split: FileSplit, part: str, index: ImageNames, scene: Scene, gone: I
     for name in split.names[part]:
         images = index.find(name).images
         if len(images) > 1:
-            several = listed(scene.views[image].source.name for image in images)
+            several = listed(os.path.relpath(scene.views[image].source, scene.root) for image in images)
             raise InputError(split.file, f"{name}, which may be {several}", f"whole paths{_CURE}")
         if not images:
             unknown.append(name)

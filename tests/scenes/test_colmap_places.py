@@ -223,5 +223,9 @@ class TestRowsOfAPartOfTheImages:
             load_scene(folder)
         scene = load_scene(folder, skip_missing=True)
         assert [view.name for view in scene.views] == ["0", "4"]
+        (folder / "images/1.png").unlink()  # as many images as rows, but not the same
+        with pytest.raises(InputError, match="--skip-missing"):
+            load_scene(folder)
+        assert [view.name for view in load_scene(folder, skip_missing=True).views] == ["0", "4"]
         given = cameras[4].world_to_camera
         np.testing.assert_allclose(scene.views[1].camera.world_to_camera, given, atol=POSE_ROUND_TRIP)

@@ -171,6 +171,17 @@ def test_paths_that_lead_out_of_the_folder_are_refused(folder, path, key):
         load_scene(folder)
 
 
+def test_absolute_paths_in_the_folder_are_read(folder):
+    expected = load_scene(folder)
+
+    def change(content):
+        for frame in content["frames"]:
+            frame["file_path"] = str((folder / frame["file_path"]).absolute())
+
+    edit(folder, change)
+    assert [view.source for view in load_scene(folder).views] == [view.source for view in expected.views]
+
+
 def test_two_spellings_of_one_path_are_refused(folder):
     edit(folder, lambda content: content["frames"][1].update(file_path="images/../images/0.png"))
     with pytest.raises(InputError, match=r"several frames for images/0\.png"):

@@ -127,7 +127,7 @@ def test_names_that_several_views_have_are_refused(
     write_images(tmp_path / "images", names)
     write_colmap(tmp_path, names, make_cameras(3), None)
     (tmp_path / "test.txt").write_text("a.png\n")
-    with pytest.raises(InputError, match=r"a\.png, which may be"):
+    with pytest.raises(InputError, match=r"a\.png, which may be images/left/a\.png, images/right/a\.png"):
         load_scene(tmp_path)
     (tmp_path / "test.txt").write_text("right/a.png\nb.png\n")
     assert [view.name for view in load_scene(tmp_path).test_views()] == ["left_b", "right_a"]
