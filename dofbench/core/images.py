@@ -17,6 +17,7 @@ from dofbench.core.errors import InputError, first_line
 from dofbench.core.exr_parts import picture_part
 from dofbench.core.files import refused, replacing
 from dofbench.core.icc import cmyk_to_srgb
+from dofbench.core.iso_boxes import is_box_file
 from dofbench.core.readable import check_file, check_pixels
 
 _LARGEST_HALF = 65504.0
@@ -56,7 +57,10 @@ def image_size(path: Path) -> tuple[int, int]:
     check_file(path, "an image file")
     opened = oiio.ImageInput.open(str(path))
     if opened is None:
-        raise InputError(path, f"no readable image ({first_line(oiio.geterror)})", "an image file")
+        reason = first_line(oiio.geterror)
+        if is_box_file(path):  # phones' files that were renamed
+            raise InputError(path, "a HEIC or AVIF file by the name of another format", "the suffix .heic or .avif")
+        raise InputError(path, f"no readable image ({reason})", "an image file")
     spec = opened.spec()
     kind = opened.format_name()
     opened.close()

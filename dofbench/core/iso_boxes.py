@@ -24,6 +24,12 @@ def colour_codes(file: Path) -> tuple[int, int] | None:
     return None
 
 
+def is_box_file(file: Path) -> bool:
+    """Whether a file begins as one made of boxes does, whatever it is called."""
+    with file.open("rb") as stream:
+        return stream.read(8)[4:] == b"ftyp"
+
+
 def _colours(stream: BinaryIO, start: int, end: int, seen: list[int], *, entries: bool = False) -> Iterator[bytes]:
     while start + 8 <= end and seen[0] < _MOST:
         seen[0] += 1

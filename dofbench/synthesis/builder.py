@@ -160,6 +160,7 @@ def make(
         records = _shallow(plan, scene, out, shared, shoot, progress)
         _masks(scene, out, records, shared)
         scene = scene.noted(_highlights(scene, out))
+        print_notes(scene)
         source = source.model_copy(update={"notes": scene.notes or None})
         points, points_record = choose_points(scene, settings.points, out, out / WORK / "points", progress)
         scene = replace(scene, points=points)

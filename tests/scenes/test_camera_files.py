@@ -44,6 +44,13 @@ def test_heic_has_the_colours_of_the_picture(tmp_path, suffix):
     assert np.abs(read_image(tmp_path / f"a{suffix}") * 255 - picture()).max() <= 255 * COMPRESSED_COLOUR
 
 
+def test_heic_by_another_name(tmp_path):
+    write_heic(tmp_path / "a.heic", picture())
+    (tmp_path / "a.heic").rename(tmp_path / "a.jpg")
+    with pytest.raises(InputError, match=r"a.jpg.*HEIC or AVIF"):
+        read_image(tmp_path / "a.jpg")
+
+
 def test_heic_of_ten_bits_and_white(tmp_path):
     heif = pytest.importorskip("pillow_heif", reason="needs the extra photographs")
     deep = np.full((48, 64, 3), 65535, np.uint16)

@@ -56,7 +56,7 @@ def test_a_scene_knows_its_light(light_scene):
 
 
 @pytest.mark.parametrize("stored", ["exr-half", "exr-float"])
-def test_values_go_through_unchanged_but_for_the_blur(light_scene, tmp_path, stored):
+def test_values_go_through_unchanged_but_for_the_blur(light_scene, tmp_path, capsys, stored):
     folder = made(light_scene, tmp_path / "out", linear=stored, focus=(1.0,), aperture=(1.0,))
     assert check_dataset(folder) == []
     dataset = Dataset.load(folder)
@@ -81,6 +81,7 @@ def test_values_go_through_unchanged_but_for_the_blur(light_scene, tmp_path, sto
     assert all(image["linear"] is True for image in manifest["source"]["images"])
     assert any("6 of 73728 pixels are brighter than 1" in note for note in manifest["source"]["notes"])
     assert "all_in_focus_linear" in (folder / "README.md").read_text()
+    assert "pixels are brighter than 1" in capsys.readouterr().err
 
 
 def test_what_was_cut_off_goes_on_with_the_same_bytes(light_scene, tmp_path, contents):
