@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from relisted import write_again
 from tolerances import FLOAT16_VALUE, FLOAT32_VALUE, LEVEL_8BIT, SCATTER_ENERGY
 
 from dofbench.core.errors import InputError
-from dofbench.core.files import sha256_file, write_json
+from dofbench.core.files import sha256_file
 from dofbench.core.images import read_exr, read_image, write_exr
 from dofbench.core.progress import Silent
 from dofbench.dataset.dataset import Dataset
@@ -113,7 +114,7 @@ def test_check_blurs_the_light_again(light_scene, tmp_path):
     manifest = json.loads((folder / "dataset.json").read_text())
     for name, record in manifest["files"].items():
         record.update(sha256=sha256_file(folder / name), size=(folder / name).stat().st_size)
-    write_json(folder / "dataset.json", manifest)
+    write_again(folder / "dataset.json", manifest)
     assert any("from the blur computed again" in problem for problem in check_dataset(folder))
 
 
