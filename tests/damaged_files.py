@@ -325,6 +325,26 @@ def _use_files(folder: Path) -> None:
         raise refused[0]
 
 
+def _make_results(folder: Path) -> None:
+    """Results of an older schema, as reports still read them."""
+    for file in sorted((Path(__file__).parent / "harness" / "old_results").glob("*.json")):
+        (folder / "results" / file.stem).mkdir(parents=True)
+        (folder / "results" / file.stem / "result.json").write_bytes(file.read_bytes())
+
+
+def _use_results(folder: Path) -> None:
+    from rich.console import Console
+
+    from dofbench.reporting import report_files
+    from dofbench.reporting.report_options import Report
+
+    vars(report_files)["write_curves"] = lambda *_: {}  # figures take most of the time
+    settings = Report(folder / "results", folder / "out", pictures=False)
+    written = report_files.write_report(settings, Console(quiet=True))
+    if written.unreadable:
+        raise InputError(folder, written.unreadable[0], "results")
+
+
 KINDS: dict[str, tuple[Callable[[Path], None], Callable[[Path], None]]] = {}
 for _layout in ("nerfstudio", "colmap binary", "colmap rigs", "colmap text", "llff", "deblurnerf", "dofnerf"):
     KINDS[_layout] = (
@@ -333,3 +353,4 @@ for _layout in ("nerfstudio", "colmap binary", "colmap rigs", "colmap text", "ll
     )
 KINDS["dataset"] = (lambda folder: (write_dataset(folder), None)[1], _use_dataset)
 KINDS["files"] = (_make_files, _use_files)
+KINDS["results"] = (_make_results, _use_results)
