@@ -42,7 +42,8 @@ def with_masks(scene: Scene, alpha: Alpha | None) -> Scene:
         if named is None and file is not None:
             check_size(file, (image.intrinsics.width, image.intrinsics.height))
         mask = MaskOnDisk(view.source, named or file, masks, image.intrinsics, image.width, image.height)
-        views.append(replace(view, mask=mask, image=replace(image, mask=mask)))
+        image = replace(image, mask=mask)
+        views.append(replace(view, mask=mask, image=image, linear=None if view.linear is None else image.light))
         found.append(view)
     return replace(scene, views=tuple(views)).noted(
         _masks_note([view.name for view in views if view.mask is not None], scene.views),

@@ -68,7 +68,7 @@ file with its checksum in `dataset.json`, and blurs a part of a view again.
 | `all_in_focus/VIEW.png` | the original at this size, encoded, 8 bit: the truth for all-in-focus renders |
 {light}| `depth/VIEW.exr` | z-depth in scene units, float32, 0 where unknown; from {depth} |
 | `confidence/VIEW.png` | how far to trust that, 8 bit: 0 unknown, 255 certain; what it is: `depth` in `dataset.json` |
-| `lens.json` | aperture and focus of every view, and what they refer to |
+{masks}| `lens.json` | aperture and focus of every view, and what they refer to |
 | `transforms.json` | cameras, split and depth in nerfstudio's layout (OpenGL axes) |
 | `poses_bounds.npy` | the same cameras in LLFF's layout |
 | `sparse/0/` | the same cameras and the sparse points as a COLMAP model |
@@ -116,6 +116,12 @@ The all-in-focus images are those of the scene "{title}" ({layout} layout){origi
 
 {licence}
 """
+
+MASKS_TEXT = (
+    "8 bit, where a view has masked pixels: 0 masked, neither trained on nor scored; in the images they are replaced "
+    "by their nearest valid pixels"
+)
+_MASKS = f"| `masks/VIEW.png` | {MASKS_TEXT}; also 0 where more than 1 % of the light comes from such pixels |\n"
 
 _LAYERED = """ This is done
 in {layers} layers of equal range of the signed radius, laid over each other from far to near, each going on behind the
@@ -168,6 +174,7 @@ def readme_text(
         linear=linear,
         light=_LIGHT.format(linear=linear) if any(image.linear for image in source.images) else "",
         depth=DEPTH_TEXT[depth.source],
+        masks=_MASKS if any(image.mask for image in source.images) else "",
         seen=seen_text(points),
         gamma=blur.gamma,
         alpha=blur.alpha,

@@ -13,7 +13,14 @@ from dofbench.dataset.points_record import PointsRecord
 from dofbench.dataset.schema import DepthRecord, SourceRecord
 from dofbench.scenes.scene import Scene
 from dofbench.synthesis.dataset_options import MakeDataset
-from dofbench.synthesis.dataset_readme import DEPTH_TEXT, evidence_text, licence_text, reading_text, seen_text
+from dofbench.synthesis.dataset_readme import (
+    DEPTH_TEXT,
+    MASKS_TEXT,
+    evidence_text,
+    licence_text,
+    reading_text,
+    seen_text,
+)
 
 _TEXT = """\
 # {title}: photographs with shallow depth of field, lens unknown
@@ -89,7 +96,10 @@ def photographs_readme(
     sharp = [view.name for view in views if view.photograph == "all-in-focus"]
     measured = 0 if depth is None else len(depth.views)
     origin = "" if depth is None else DEPTH_TEXT[depth.source]
-    files = _files(len(sharp), measured, origin, len(views), bounded, any(view.exif is not None for view in views))
+    masked = any(image.mask for image in source.images)
+    files = _files(
+        len(sharp), measured, origin, len(views), bounded, any(view.exif is not None for view in views), masked
+    )
     return _TEXT.format(
         title=literal(scene.name),
         quoted=json.dumps(visible(scene.name), ensure_ascii=False),
@@ -114,7 +124,9 @@ def photographs_readme(
     )
 
 
-def _files(sharp: int, measured: int, origin: str, count: int, bounded: bool, exif: bool) -> list[tuple[str, str]]:
+def _files(
+    sharp: int, measured: int, origin: str, count: int, bounded: bool, exif: bool, masked: bool
+) -> list[tuple[str, str]]:
     files = [("`images/VIEW.png`", "the photograph, encoded, 8 bit")]
     if sharp:
         files.append(
@@ -131,6 +143,8 @@ def _files(sharp: int, measured: int, origin: str, count: int, bounded: bool, ex
             ),
             ("`confidence/VIEW.png`", "where it is known, 8 bit: 0 or 255"),
         ]
+    if masked:
+        files.append(("`masks/VIEW.png`", MASKS_TEXT))
     files += [
         (
             "`lens.json`",
