@@ -16,6 +16,7 @@ import sys
 import tomllib
 from html import escape
 from itertools import pairwise
+from math import fsum
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -130,9 +131,9 @@ def places(rows: list[list[str]], drawn: dict[str, set[str]]) -> dict[Node, floa
                 for node in lane
             }
             if sweep < 24:
-                lane.sort(key=lambda node, before=before: sum(before[node]) / len(before[node]))
+                lane.sort(key=lambda node, before=before: fsum(before[node]) / len(before[node]))
             wanted = [
-                sum(place[to] for to in beside[node]) / len(beside[node]) if node in beside else place[node]
+                fsum(place[to] for to in beside[node]) / len(beside[node]) if node in beside else place[node]
                 for node in lane
             ]
             place |= dict(zip(lane, apart(wanted, [_width(node) for node in lane]), strict=True))
