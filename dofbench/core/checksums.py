@@ -21,10 +21,14 @@ SETTLED = 2.0
 _VERSION = 1
 
 
-def cache_folder() -> Path:
-    """The folder of this program's caches: dofbench in $XDG_CACHE_HOME, or else in ~/.cache."""
+def cache_folder() -> Path | None:
+    """The folder of this program's caches: dofbench in $XDG_CACHE_HOME, or else in ~/.cache; None for a user without a
+    home, as a folder for everybody could be written by anybody."""
     base = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(base) if Path(base).is_absolute() else Path("~/.cache").expanduser()) / "dofbench"
+    try:
+        return (Path(base) if Path(base).is_absolute() else Path("~/.cache").expanduser()) / "dofbench"
+    except RuntimeError:
+        return None
 
 
 def checksums(root: Path, names: Iterable[str]) -> dict[str, str | None]:
@@ -34,8 +38,9 @@ def checksums(root: Path, names: Iterable[str]) -> dict[str, str | None]:
     as good as an empty one.
     """
     place = root.resolve()
-    file = cache_folder() / "checksums" / f"{sha256_text(os.fsdecode(place))[:32]}.json"
-    known, kept = _read(file), {}
+    folder = cache_folder()
+    file = None if folder is None else folder / "checksums" / f"{sha256_text(os.fsdecode(place))[:32]}.json"
+    known, kept = {} if file is None else _read(file), {}
     found: dict[str, str | None] = {}
     now = time.time()
     for name in names:
@@ -49,7 +54,7 @@ def checksums(root: Path, names: Iterable[str]) -> dict[str, str | None]:
         found[name] = digest
         if now - max(state[-2:]) / 1e9 > SETTLED and _state(path) == state:
             kept[name] = [*state, digest]
-    if kept != known:
+    if file is not None and kept != known:
         with suppress(OSError):  # without a cache every file is read the next time as well
             write_text(file, json.dumps({"version": _VERSION, "folder": os.fsdecode(place), "files": kept}))
     return found
