@@ -50,7 +50,9 @@ def test_a_change_that_keeps_size_time_and_inode_is_seen(root: Path) -> None:
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b"\xff", b'{"version": 1, "files": {"a": 3}}', b"[" * 100_000])
 def test_a_damaged_cache_is_no_obstacle(root: Path, content: bytes) -> None:
     checksums(root, ["a"])
-    (file,) = cache_folder().rglob("*.json")
+    folder = cache_folder()
+    assert folder is not None
+    (file,) = folder.rglob("*.json")
     file.write_bytes(content)
     assert checksums(root, ["a"]) == {"a": sha("a")}
 
@@ -67,3 +69,13 @@ def test_a_file_that_may_change_within_a_tick_isnt_kept(root: Path, monkeypatch:
     monkeypatch.setattr(module, "sha256_file", no_reading)
     with pytest.raises(AssertionError, match="read again"):
         checksums(root, ["a"])
+
+
+def test_without_a_home_every_file_is_read(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("XDG_CACHE_HOME")
+
+    def homeless(path: Path) -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "expanduser", homeless)
+    assert checksums(root, ["a"]) == {"a": sha("a")}

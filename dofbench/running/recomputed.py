@@ -161,9 +161,11 @@ def _f_numbers(result: Result, dataset: Dataset) -> Iterator[str]:
 
 
 def _curve(result: Result) -> Iterator[str]:
-    """The curve's last point scored the model that the result's own scores are of."""
+    """The curve's last point scored the model that the result's own scores are of. Older code may have scored the two
+    otherwise."""
     if (
-        result.status is not Status.OK
+        result.digest is None
+        or result.status is not Status.OK
         or not result.curve
         or any(view.scores.get("photo_psnr") for view in result.views)
     ):
