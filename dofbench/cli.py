@@ -7,34 +7,47 @@ command is known, so that help appears at once.
 
 from __future__ import annotations
 
-import io
 import os
 import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stderr
-from dataclasses import dataclass
-from pathlib import Path
-from types import FrameType
-from typing import Annotated, Any, Union
 
-import tyro
 
-from dofbench import __version__
-from dofbench.commands.methods_options import Methods
-from dofbench.compute.threads import configure_threads
-from dofbench.core.clock import loading
-from dofbench.core.errors import InputError, one_line
-from dofbench.procedural.scene_options import MakeScene
-from dofbench.reporting.report_options import Report
-from dofbench.running.ablation_options import Ablate
-from dofbench.running.run_options import Runs
-from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
-from dofbench.stability.stability_options import Stability
-from dofbench.synthesis.dataset_options import MakeDatasets
-from dofbench.validation.validation_options import ValidateRenderer
+def _stop_at_once(number: int, frame: object) -> None:
+    os.write(2, b"dofbench: interrupted\n")
+    os._exit(128 + number)
+
+
+# The imports below take most of the first half second, in which Ctrl-C would print a traceback.
+_PROGRAM = os.path.basename(sys.argv[0]) in ("dofbench", "__main__.py", "-m")  # noqa: PTH119 - before pathlib
+if _PROGRAM:
+    signal.signal(signal.SIGINT, _stop_at_once)
+
+import io  # noqa: E402
+from collections.abc import Iterator, Sequence  # noqa: E402
+from contextlib import contextmanager, redirect_stderr  # noqa: E402
+from dataclasses import dataclass  # noqa: E402
+from pathlib import Path  # noqa: E402
+from types import FrameType  # noqa: E402
+from typing import Annotated, Any, Union  # noqa: E402
+
+import tyro  # noqa: E402
+
+from dofbench import __version__  # noqa: E402
+from dofbench.commands.methods_options import Methods  # noqa: E402
+from dofbench.compute.threads import configure_threads  # noqa: E402
+from dofbench.core.clock import loading  # noqa: E402
+from dofbench.core.errors import InputError, interruption, one_line, out_of_memory  # noqa: E402
+from dofbench.procedural.scene_options import MakeScene  # noqa: E402
+from dofbench.reporting.report_options import Report  # noqa: E402
+from dofbench.running.ablation_options import Ablate  # noqa: E402
+from dofbench.running.run_options import Runs  # noqa: E402
+from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct  # noqa: E402
+from dofbench.stability.stability_options import Stability  # noqa: E402
+from dofbench.synthesis.dataset_options import MakeDatasets  # noqa: E402
+from dofbench.validation.validation_options import ValidateRenderer  # noqa: E402
 
 DONE, FAILED, WRONG_CALL, NOT_RECOMPUTED = 0, 1, 2, 3
+_INTERRUPTED = "interrupted; the same command goes on from what is finished"
 
 _DESCRIPTION = (
     "Make shallow depth-of-field datasets whose lens is known, train methods on them, and compare the methods. "
@@ -77,6 +90,10 @@ class Score:
 
     data: Path | None = None
     """The dataset's folder, if it isn't where the results say."""
+
+
+if _PROGRAM:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 class Interrupted(KeyboardInterrupt):
@@ -229,14 +246,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _end(WRONG_CALL, one_line(mistake))
     except KeyboardInterrupt as stop:
         number = stop.number if isinstance(stop, Interrupted) else signal.SIGINT
-        return _end(128 + number, "interrupted; the same command goes on from what is finished")
+        return _end(128 + number, _INTERRUPTED)
     except BrokenPipeError:
         # The reader of our output has closed the pipe (`| head`). Without this line Python would print an error at
         # exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
-    except OSError as refusal:
-        if not (line := one_line(refusal)):
+    except Exception as error:
+        if interruption(error) is not None:  # within an import of compiled code, which makes another error of it
+            return _end(128 + signal.SIGINT, _INTERRUPTED)
+        line = one_line(error) or ("out of memory; what is finished stays" if out_of_memory(error) else "")
+        if not line:
             raise
         return _end(FAILED, line)
 

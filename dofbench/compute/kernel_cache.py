@@ -64,6 +64,8 @@ def _checked(content: bytes) -> Any:
 class _SourceCache(FunctionCache):
     """Numba's cache, whose keys also hold a digest of the sources. What can't be read or written is compiled anew."""
 
+    _cache_file: Any
+
     def __init__(self, py_func: Callable[..., object], digest: str) -> None:
         super().__init__(py_func)
         self._digest, files = digest, self._cache_file

@@ -38,6 +38,16 @@ def printable(text: object) -> str:
     return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in line)
 
 
+_NO_MEMORY = (
+    "defaultcpuallocator",
+    "bad_alloc",
+    "out of memory",
+    "insufficient memory",
+    "allocate memory",
+    "allocate section memory",
+    "not enough memory",
+    "failed to map segment",
+)
 # What the machine refuses, as opposed to what a bug asks for: named in one line, without a traceback.
 _REFUSALS = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 _REFUSALS |= {errno.ENAMETOOLONG, errno.ELOOP}
@@ -50,6 +60,28 @@ def one_line(error: BaseException) -> str:
     if isinstance(error, OSError) and error.errno in _REFUSALS:
         return f"{error.filename or 'a file'}: {error.strerror}; what is finished stays"
     return ""
+
+
+def out_of_memory(error: BaseException) -> bool:
+    """Whether a lack of memory is what failed, or lies behind it: numpy's, torch's, OpenCV's, LLVM's, the system's."""
+    behind: BaseException | None = error
+    while behind is not None:
+        if isinstance(behind, InputError):
+            return False
+        # torch's OutOfMemoryError, of a GPU, is no MemoryError.
+        if isinstance(behind, MemoryError) or type(behind).__name__ == "OutOfMemoryError":
+            return True
+        if isinstance(behind, OSError) and behind.errno == errno.ENOMEM:
+            return True
+        if says_no_memory(str(behind)):
+            return True
+        behind = behind.__cause__ or behind.__context__
+    return False
+
+
+def says_no_memory(message: str) -> bool:
+    """Whether a library's message says that memory ran out."""
+    return any(words in message.lower() for words in _NO_MEMORY)
 
 
 def interruption(error: BaseException) -> KeyboardInterrupt | None:

@@ -13,7 +13,7 @@ import numpy as np
 from dofbench.core.camera_files import camera_coding, camera_size, is_camera_file, read_stored_camera
 from dofbench.core.coding import Coding, coding_of
 from dofbench.core.colour import to_srgb
-from dofbench.core.errors import InputError, first_line
+from dofbench.core.errors import InputError, first_line, says_no_memory
 from dofbench.core.exr_parts import picture_part
 from dofbench.core.files import refused, replacing
 from dofbench.core.icc import cmyk_to_srgb
@@ -148,7 +148,7 @@ def _decoded(path: Path, part: int = 0, *, within_display: bool = False, unassoc
     window = buffer.roi_full if within_display else buffer.roi
     pixels = buffer.get_pixels(oiio.FLOAT, window) if not buffer.has_error else None
     if pixels is None or buffer.has_error:
-        raise InputError(path, f"no readable image ({first_line(buffer.geterror)})", "an image file")
+        raise _unreadable(path, first_line(buffer.geterror), "an image file")
     pixels = np.asarray(pixels, dtype=np.float32)
     return pixels[..., None] if pixels.ndim == 2 else pixels
 
@@ -188,6 +188,13 @@ def _read_inks(path: Path, profile: bytes) -> np.ndarray:
         return cmyk_to_srgb(levels, profile)
     except ValueError as error:
         raise InputError(path, str(error), "a profile of CMYK; or an RGB image") from None
+
+
+def _unreadable(path: Path, reason: str, expected: str) -> Exception:
+    """A whole image that memory doesn't suffice for is no wrong input."""
+    if says_no_memory(reason):
+        return MemoryError(f"{path}: {reason}")
+    return InputError(path, f"no readable image ({reason})", expected)
 
 
 def to_16bit(image: np.ndarray) -> np.ndarray:
@@ -243,7 +250,7 @@ def read_exr(path: Path) -> np.ndarray:
     buffer = oiio.ImageBuf(str(path))
     pixels = buffer.get_pixels(oiio.FLOAT) if not buffer.has_error else None
     if pixels is None or buffer.has_error:
-        raise InputError(path, f"no readable image ({first_line(buffer.geterror)})", "an EXR file")
+        raise _unreadable(path, first_line(buffer.geterror), "an EXR file")
     pixels = np.asarray(pixels, dtype=np.float32)
     return np.ascontiguousarray(pixels[..., 0] if pixels.ndim == 3 and pixels.shape[2] == 1 else pixels)
 

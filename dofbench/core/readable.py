@@ -160,6 +160,8 @@ def read_arrays(path: Path, expected: str) -> dict[str, np.ndarray]:
 def _damage(path: Path, expected: str) -> Iterator[None]:
     try:
         yield
+    except MemoryError:
+        raise
     except OSError as error:
         raise InputError(path, error.strerror or str(error), expected) from None
     # Headers are Python literals, archives are compressed: damaged ones raise nearly anything.

@@ -16,7 +16,7 @@ from dofbench.compute.device_host import feeding
 from dofbench.core.budget import Budget
 from dofbench.core.clock import StageTimes, timestamp
 from dofbench.core.contracts import Decision, FitOutcome, Method, TrainingSet
-from dofbench.core.errors import Ended, InputError, Status, interruption
+from dofbench.core.errors import Ended, InputError, Status, interruption, out_of_memory
 from dofbench.core.files import read_json, refuse_links_outside, sha256_file, write_json
 from dofbench.core.leases import Lease
 from dofbench.core.progress import say
@@ -335,9 +335,7 @@ def classify(error: BaseException) -> tuple[Status, str]:
     if isinstance(error, Ended):
         return error.status, " ".join(str(error).split())
     text = " ".join(f"{type(error).__name__}: {error}".split())
-    # torch raises its own kinds: OutOfMemoryError on a GPU, a plain RuntimeError by its CPU allocator.
-    memory = isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError"
-    if memory or (isinstance(error, RuntimeError) and "DefaultCPUAllocator" in str(error)):
+    if out_of_memory(error):
         return Status.OUT_OF_MEMORY, text
     if isinstance(error, FloatingPointError):
         return Status.DIVERGED, text
