@@ -107,7 +107,9 @@ def test_a_view_is_matched_with_its_four_best_sources(monkeypatch: pytest.Monkey
     monkeypatch.setattr(stereo, "_sweep", lambda pyramids, index, chosen, *bounds: seen.append(chosen))
     monkeypatch.setattr(stereo, "_agreed", lambda cameras, swept, index, chosen, device: chosen)
     pyramids = [[(torch.zeros(6, 8), frontal(8, 6, 9.0))]] * 2
-    kept = stereo._matched(pyramids, [[3, 1, 4, 2, 5, 6], [2]], (0.1, 0.6), "", lambda *told: None)
+    kept = stereo._matched(
+        pyramids, [None] * len(pyramids), [[3, 1, 4, 2, 5, 6], [2]], (0.1, 0.6), "", lambda *told: None
+    )
     assert seen == [[3, 1, 4, 2], [2]] and kept == [[3, 1, 4, 2, 5, 6], [2]]
 
 
