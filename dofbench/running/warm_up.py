@@ -20,5 +20,6 @@ def miniature(training_set: TrainingSet) -> TrainingSet:
     for view in training_set.views:
         share = min(1.0, _WIDEST / max(view.camera.width, view.camera.height))
         width, height = (max(1, round(side * share)) for side in (view.camera.width, view.camera.height))
-        views.append(replace(view, camera=view.camera.resized(width, height), image=resize(view.image, width, height)))
+        image = resize(view.image, width, height)
+        views.append(replace(view, camera=view.camera.resized(width, height), image=image, mask=None))
     return replace(training_set, views=tuple(views))

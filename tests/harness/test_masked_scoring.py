@@ -19,6 +19,7 @@ from dofbench.running.facts import facts_of
 from dofbench.running.method_cards import find_method
 from dofbench.running.observer import OneStep
 from dofbench.running.plan import make_plan
+from dofbench.running.warm_up import miniature
 from dofbench.scoring.evaluate import Evaluation, Evaluator
 from dofbench.scoring.ground_truth import photograph_columns
 
@@ -77,3 +78,8 @@ def test_no_score_depends_on_masked_pixels(tmp_path: Path, monkeypatch: pytest.M
     assert plan["masked"] == shares
     whole, unmasked = scored(Dataset.load(write_dataset(tmp_path / "whole", **KINDS[kind])), tmp_path / "all")
     assert whole.scores != one.scores and "masked" not in unmasked
+
+
+def test_the_warm_up_takes_masked_views(tmp_path: Path) -> None:
+    small = miniature(masked(tmp_path / "data", 1, "photographs").training_set())
+    assert all(view.image.shape[:2] == (view.camera.height, view.camera.width) for view in small.views)
