@@ -11,7 +11,7 @@ from dofbench.reporting.differences import adjusted, compare
 from dofbench.results.collecting import Entry
 from dofbench.results.result import Result, Spec, ViewScores
 
-NOBODY = dict.fromkeys(("preset", "budget", "dataset", "dataset_checksum", "protocol", "device", "code"), "")
+NOBODY = dict.fromkeys(("preset", "budget", "dataset", "dataset_checksum", "protocol", "device", "code"), "x")
 
 
 def entry(method: str, seed: int, views: dict[str, float], seconds: float, status: Status = Status.OK) -> Entry:

@@ -12,7 +12,7 @@ from dofbench.reporting.verdict import Verdict, verdicts
 from dofbench.results.collecting import Entry
 from dofbench.results.result import Result, Spec, ViewScores
 
-NOBODY = dict.fromkeys(("preset", "budget", "dataset", "dataset_checksum", "protocol", "device", "code"), "")
+NOBODY = dict.fromkeys(("preset", "budget", "dataset", "dataset_checksum", "protocol", "device", "code"), "x")
 
 
 def entry(method: str, seed: int, views: list[float], status: Status = Status.OK) -> Entry:
