@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import shutil
 from pathlib import Path
 
 import pytest
+from relisted import edit_json
 from report_pages import notes, rows, table_rows
 from small_dataset import write_dataset
 from tolerances import CSV_DIGITS
@@ -29,9 +29,7 @@ def test_seeds_have_a_spread_and_a_failed_seed_is_not_left_out_of_a_mean(plain, 
     assert row["seeds"] == "0, 1, 2 (n = 3)" and row["PSNR [dB] ↑"] == f"{mean:.2f} ± {spread:.2f}"
 
     file = next((out.parent / "results").rglob("*seed2*/result.json"))
-    data = json.loads(file.read_text())
-    data.update(status="diverged", message="loss is nan at step 3")
-    file.write_text(json.dumps(data))
+    edit_json(file, lambda data: data.update(status="diverged", message="loss is nan at step 3"))
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
     cell = table_rows(page, "waves, refocus-v3")[0]["PSNR [dB] ↑"]
@@ -66,12 +64,15 @@ def test_a_forced_stage_is_no_second_seed(plain, call, made) -> None:
     }
 
 
+def _add_a_stage(data: dict) -> None:
+    stages = data["plan"]["stages"]
+    stages.append({**stages[0], "name": "normals", "runs": False, "reason": "flat"})
+
+
 def test_a_stage_that_all_leave_out_names_no_variant(plain, call, made) -> None:
     for force_all in (False, True):
         file = call(inputs="all-in-focus", force_all=force_all).folder / "result.json"
-        data = json.loads(file.read_text())
-        data["plan"]["stages"].append({**data["plan"]["stages"][0], "name": "normals", "runs": False, "reason": "flat"})
-        file.write_text(json.dumps(data))
+        edit_json(file, _add_a_stage)
     _, out, _ = made()
     rows = table_rows((out / "leaderboard.md").read_text(), "waves, sharp-inputs-v3")
     assert {row["preset"] for row in rows} == {"quick, lens left out", "quick, nothing else left out"}
