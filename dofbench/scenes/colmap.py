@@ -23,7 +23,7 @@ from dofbench.scenes.poses import invert, rigid
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.undistort import Intrinsics
 from dofbench.scenes.unused import fewer_points, other_format, skipped, without_pose
-from dofbench.scenes.views import Frame, assemble, check_inside, held_out
+from dofbench.scenes.views import Frame, among_all, assemble, check_inside, held_out
 
 if TYPE_CHECKING:
     import pycolmap
@@ -118,7 +118,8 @@ def read(root: Path, *, width: int | None, images: str | None, hold: int | None,
             expected = f"{error.expected}; so far from the origin, rotations need all of their digits"
             raise InputError(error.subject, error.found, expected) from None
     absent = [name for name, file in zip(model.names, matched.files, strict=True) if file is None]
-    return held_out(scene, hold, dict(zip(files, kept.names, strict=True)), absent)
+    called = dict(zip(files, kept.names, strict=True))
+    return held_out(among_all(scene, called, absent), hold, called, absent)
 
 
 def read_found(found: FoundModel) -> Model:

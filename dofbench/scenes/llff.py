@@ -18,7 +18,7 @@ from dofbench.scenes.poses import Mended, invert, llff_to_opencv, rigid
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.undistort import Intrinsics
 from dofbench.scenes.unused import fewer_points, skipped, without_pose
-from dofbench.scenes.views import Frame, assemble, check_inside, held_out
+from dofbench.scenes.views import Frame, among_all, assemble, check_inside, held_out
 
 _FILE = "poses_bounds.npy"
 # Rows and a model of the same cameras differ by rounding alone: of a rotation's entries, and of positions in shares of
@@ -68,13 +68,17 @@ def read_folder(root: Path, folder: Path, *, width: int | None, skip_missing: bo
             fewer_points(points, model.points),
             without_pose(folder, [path for path in matched.files if path], _FILE),
         ]
+        absent = [name for name, path in zip(names, matched.files, strict=True) if path is None]
         files = [path for path in matched.files if path is not None]
+        called = dict(zip(files, model.names, strict=True))
+    else:
+        called, absent = {}, []
     mended = Mended()
     frames = _frames(rows[kept], folder, files, file, mended)
     points = None if model is None else tracked_points(model, folder, files)
     scene = assemble(root, "llff", frames, points, width=width, subject=file).noted(*notes, *mended.notes(file))
     check_inside(scene, found.folder if found else None)
-    return scene
+    return among_all(scene, called, absent)
 
 
 def _check_same_cameras(rows: np.ndarray, model: Model, file: Path) -> None:

@@ -35,9 +35,11 @@ from dofbench.scenes.scene import Scene, Split
 from dofbench.scenes.split_files import FileSplit, agreed, split_sources
 from dofbench.scenes.undistort import Intrinsics
 from dofbench.scenes.unused import other_format, skipped, without_pose
-from dofbench.scenes.views import Frame, assemble, check_inside, held_as_asked, held_out
+from dofbench.scenes.views import Frame, among_all, assemble, check_inside, held_as_asked, held_out
 
 _FILE = "transforms.json"
+LISTS = f"the lists of {_FILE}"
+_PARTS = ("train", "test", "val")
 _FISHEYE = ("OPENCV_FISHEYE",)
 _PERSPECTIVE = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
 # nerfstudio reads 16-bit depth as millimetres unless told otherwise; a float map is in scene units.
@@ -98,12 +100,14 @@ def read(
     )
     check_inside(scene, origin)
     absent = [path for path, image in zip(every_path, matched.files, strict=True) if image is None]
+    called = dict(zip(files, paths, strict=True))
+    scene = among_all(scene, called, absent)
     if splits is None:
-        return held_out(scene, hold, dict(zip(files, paths, strict=True)), absent)
-    lists = f"the lists of {_FILE}"
+        return held_out(scene, hold, called, absent)
+    lists = LISTS
     if hold is not None:
         return held_as_asked(scene, hold, [lists, *split_sources(root)])
-    return agreed(replace(scene, split_by=lists), dict(zip(files, paths, strict=True)), absent)
+    return agreed(replace(scene, split_by=lists), called, absent)
 
 
 def _parse(file: Path) -> dict[str, Any]:
@@ -113,11 +117,33 @@ def _parse(file: Path) -> dict[str, Any]:
     frames = content.get("frames") if isinstance(content, dict) else None
     if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
         raise InputError(file, "no list of frames", 'a JSON object with "frames", one object a view')
+    content = with_test_frames(content, file)
     paths = [_path(frame, file) for frame in frames]
     if len(set(paths)) < len(paths):
         twice = sorted({path for path in paths if paths.count(path) > 1})
         raise InputError(file, f"several frames for {listed(twice)}", "one frame an image")
     return content
+
+
+def with_test_frames(content: Mapping[str, Any], file: Path) -> dict[str, Any]:
+    """The content with ScanNet++'s `test_frames` among its frames and in test_filenames, the others in train_filenames.
+
+    Raises InputError for such a list that is none, and for one beside lists of names.
+    """
+    tests = content.get("test_frames")
+    if not tests:
+        return dict(content)
+    if not isinstance(tests, list) or not all(isinstance(frame, dict) for frame in tests):
+        raise InputError(file, "test_frames that is no list of frames", "one object a test view, as in frames")
+    named = [name for part in _PARTS if content.get(name := f"{part}_filenames") is not None]
+    if named:
+        raise InputError(file, f"test_frames and {' and '.join(named)}", "one of them: they say the split")
+    train, test = ([_path(frame, file) for frame in frames] for frames in (content["frames"], tests))
+    both = sorted(set(train) & set(test))
+    if both:
+        raise InputError(file, f"{listed(both)} in frames and in test_frames", "a view in one of them")
+    frames = [*content["frames"], *tests]
+    return {**content, "frames": frames, "train_filenames": train, "test_filenames": test}
 
 
 def _path(entry: Mapping[str, Any], file: Path) -> str:
@@ -255,11 +281,12 @@ def listed_split(content: Mapping[str, Any], file: Path) -> FileSplit | None:
     """The lists of a transforms.json, for a scene that is read from another file; None without those of train and test.
 
     Raises InputError for lists that are none."""
-    lists = {part: _listed_paths(content, f"{part}_filenames", file) for part in ("train", "test", "val")}
+    content = with_test_frames(content, file)
+    lists = {part: _listed_paths(content, f"{part}_filenames", file) for part in _PARTS}
     if lists["train"] is None and lists["test"] is None:
         return None
     names = {part: tuple(sorted(paths)) for part, paths in lists.items() if paths is not None}
-    return FileSplit(f"the lists of {_FILE}", file, names)
+    return FileSplit(LISTS, file, names)
 
 
 def _set_aside(content: Mapping[str, Any], file: Path) -> set[str]:

@@ -52,7 +52,8 @@ class Scene:
     points.views, where known, index into `views`. layout: the reader's id. notes: what was chosen, changed or skipped
     while reading, one sentence each, for the terminal and the dataset's record: `noted` adds one. offset: cameras and
     points are in a local frame; add it for the coordinates of the files (`local_frame.py`). split_by: the rule or the
-    file that made the split, for the terminal.
+    file that made the split, for the terminal. places: of the views in the order of names among all that the files
+    have, where some were skipped for want of an image; None where none was.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Scene:
     notes: tuple[str, ...] = ()
     offset: Offset = NO_OFFSET
     split_by: str = ""
+    places: tuple[int, ...] | None = None
 
     def noted(self, *notes: str) -> Scene:
         """The scene with further notes; empty ones and repeated ones are dropped."""
@@ -80,16 +82,22 @@ class Scene:
         return replace(self, views=tuple(replace(view, photograph=photograph[view.split]) for view in self.views))
 
     def with_hold(self, hold: int) -> Scene:
-        """Views 0, hold, 2 hold, ... in name order become test views, the others training views.
+        """Views 0, hold, 2 hold, ... in name order become test views, the others training views. Views that were
+        skipped count, so that the others keep their split.
 
-        Raises InputError unless hold is at least 2 and leaves a view to train on.
+        Raises InputError unless hold is at least 2 and leaves a view to train on and one to test.
         """
         if hold < 2 or len(self.views) < 2:
             found = f"hold {hold} for {len(self.views)} view{'s' if len(self.views) != 1 else ''}"
             raise InputError(self.root, found, "hold of at least 2 and two views or more: one to train, one to test")
+        places = range(len(self.views)) if self.places is None else self.places
         views = tuple(
-            replace(view, split="test" if index % hold == 0 else "train") for index, view in enumerate(self.views)
+            replace(view, split="test" if place % hold == 0 else "train")
+            for place, view in zip(places, self.views, strict=True)
         )
+        if len({view.split for view in views}) < 2:
+            found = f"hold {hold}, which leaves {views[0].split} views alone of the images that are here"
+            raise InputError(self.root, found, "another --hold: one view at least to train, one to test")
         return replace(self, views=views)
 
     def require_points(self, need: str) -> PointCloud:

@@ -5,7 +5,10 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import os
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,16 +23,28 @@ from dofbench.scenes.scene import Scene, Split
 
 _JSON = ("split.json", "train_test_lists.json")
 _LISTS = ("train", "test", "val")
+# What the lists of split.json may be called: train; transforms.json's train_filenames; Nerfies' train_ids.
+_KEYS = ("", "_filenames", "_ids", "_names", "_images", "_files")
+# Phototourism's table, also called after the scene (brandenburg.tsv); other columns are free.
+_TABLES, _COLUMNS = ("split.tsv", "split.csv"), ("filename", "split")
+# Files that look like a split and aren't read: splits.json, split_0.npz, train_list.txt.
+_ALIKE = re.compile(
+    r"(?:(?:.*[_-])?splits?(?:[_-].*)?|(?:train|test|val)(?:[_-](?:.*[_-])?(?:list|lists|views|images|ids|files|names|set))?)"
+    r"\.(?:tsv|csv|json|txt|npy|npz|pkl|ya?ml|toml)",
+    re.IGNORECASE,
+)
 _CURE = "; or give --hold N, by which such files aren't read"
 
 
 @dataclass(frozen=True)
 class FileSplit:
-    """Names by list, as one file, or the files of one folder, give them. source: those files, for messages."""
+    """Names by list, as one file, or the files of one folder, give them. source: those files, for messages. partial:
+    views in no list are neither trained on nor scored."""
 
     source: str
     file: Path
     names: Mapping[str, tuple[str, ...]]
+    partial: bool = False
 
 
 def find_splits(root: Path) -> list[FileSplit]:
@@ -37,14 +52,25 @@ def find_splits(root: Path) -> list[FileSplit]:
     model = find_model(root)
     folders = [root] if model is None else [root, model]
     found = [split for folder in folders if (split := _of_texts(root, folder)) is not None]
-    return found + [_of_json(root, root / name) for name in _JSON if (root / name).is_file()]
+    found += [_of_json(root / name) for name in _JSON if (root / name).is_file()]
+    return found + [_of_table(file, *table) for file, table in _tables(root).items()]
 
 
 def split_sources(root: Path) -> list[str]:
     """The files of a scene folder that name a split, relative to it."""
     model = find_model(root)
     texts = [folder / f"{part}.txt" for folder in (root, model) if folder is not None for part in ("train", "test")]
-    return [file.relative_to(root).as_posix() for file in (*texts, *(root / name for name in _JSON)) if file.is_file()]
+    files = (*texts, *(root / name for name in _JSON), *_tables(root))
+    return [file.relative_to(root).as_posix() for file in files if file.is_file()]
+
+
+def unread_note(root: Path) -> str:
+    """A note on files in a scene folder that look as if they named a split, and aren't read; empty without any."""
+    read = {*split_sources(root), *(f"{part}.txt" for part in _LISTS)}
+    unread = sorted(path.name for path in root.iterdir() if _ALIKE.fullmatch(path.name) and path.name not in read)
+    if not unread:
+        return ""
+    return f"{listed(unread)} not read: a split is read from test.txt, train.txt, split.json or split.tsv"
 
 
 def split_by_files(scene: Scene, known_as: Mapping[Path, str], absent: Collection[str] = ()) -> Scene | None:
@@ -75,7 +101,8 @@ def split_by(
     dropped = len(scene.views) - len(kept)
     test = len(chosen.test_views())
     note = f"split by {by}: {len(kept) - test} training and {test} test views"
-    return replace(chosen, split_by=by).noted(f"{note}, {dropped} for validation alone skipped" if dropped else note)
+    why = "in neither" if any(split.partial for split in found) else "for validation alone"
+    return replace(chosen, split_by=by).noted(f"{note}, {dropped} {why} skipped" if dropped else note)
 
 
 def agreed(scene: Scene, known_as: Mapping[Path, str], absent: Collection[str]) -> Scene:
@@ -123,7 +150,7 @@ def _applied(
     if test is None:
         test = everything - train
     nowhere = sorted(everything - train - test - alone)
-    if nowhere:
+    if nowhere and not split.partial:
         raise InputError(split.file, f"{listed(nowhere)} in neither list", f"every view in train or test{_CURE}")
     if not train or not test:
         raise InputError(split.file, f"{len(train)} training and {len(test)} test views", f"some of each{_CURE}")
@@ -177,13 +204,70 @@ def _lines(file: Path) -> tuple[str, ...]:
     return _checked([line for line in lines if line and not line.startswith("#")], file, file.stem)
 
 
-def _of_json(root: Path, file: Path) -> FileSplit:
+def _of_json(file: Path) -> FileSplit:
     expected = f'{{"train": [...], "test": [...]}}, names of images{_CURE}'
     content = read_json(file)
-    lists = {part: content[part] for part in _LISTS if part in content} if isinstance(content, dict) else {}
+    lists = {}
+    for part in _LISTS if isinstance(content, dict) else ():
+        keys = [key for suffix in _KEYS if (key := f"{part}{suffix}") in content]
+        if len(keys) > 1:
+            raise InputError(file, f"{' and '.join(keys)}", f"one list of them{_CURE}")
+        if keys:
+            lists[part] = content[keys[0]]
+    numbered = [part for part, names in lists.items() if isinstance(names, list) and any(map(_is_number, names))]
+    if numbered:
+        raise InputError(file, f"indices in {' and '.join(numbered)}, of views in an unknown order", expected)
     if not lists.keys() & {"train", "test"} or not all(isinstance(names, list) for names in lists.values()):
         raise InputError(file, "no lists train and test", expected)
     return FileSplit(file.name, file, {part: _checked(names, file, part) for part, names in lists.items()})
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _tables(root: Path) -> dict[Path, tuple[str, list[list[str]]]]:
+    """Rows of the tables in a scene folder that name a split, header first, with their separator: split.tsv and
+    split.csv, and others (.tsv) that have its columns."""
+    found: dict[Path, tuple[str, list[list[str]]]] = {}
+    others = sorted(path for path in root.iterdir() if path.suffix.lower() == ".tsv" and path.name not in _TABLES)
+    for file in (*(root / name for name in _TABLES), *others):
+        if not file.is_file():
+            continue
+        try:
+            text = read_text(file, f"a table with columns {' and '.join(_COLUMNS)}")
+        except InputError:
+            if file.name in _TABLES:
+                raise
+            continue
+        separator = "\t" if "\t" in text.partition("\n")[0] else ","
+        rows = [[cell.strip() for cell in row] for row in csv.reader(io.StringIO(text), delimiter=separator) if row]
+        header = [cell.lower() for cell in rows[0]] if rows else []
+        if file.name in _TABLES or set(_COLUMNS) <= set(header):
+            found[file] = (separator, [header, *rows[1:]])
+    return found
+
+
+def _of_table(file: Path, separator: str, rows: Sequence[Sequence[str]]) -> FileSplit:
+    """The split of a table: rows of train, test and val by file name. Rows without one, or without an id where there is
+    such a column, are of images that belong to none, as are images without a row."""
+    header, *rest = rows
+    if not set(_COLUMNS) <= set(header):
+        found = f"columns {', '.join(header) or 'none'}"
+        raise InputError(file, found, f"columns {' and '.join(_COLUMNS)}, separated by {separator!r}{_CURE}")
+    named: dict[str, list[str]] = {part: [] for part in _LISTS}
+    for number, row in enumerate(rest, start=2):
+        if len(row) != len(header):
+            raise InputError(file, f"{len(row)} columns in line {number}", f"{len(header)}, as its header{_CURE}")
+        values = dict(zip(header, row, strict=True))
+        part = values["split"].lower()
+        if not values["filename"] or not part or not values.get("id", "0"):
+            continue
+        if part not in _LISTS:
+            raise InputError(file, f"split {values['split']} in line {number}", f"{', '.join(_LISTS)}{_CURE}")
+        named[part].append(values["filename"])
+    lists = {part: _checked(names, file, part) for part, names in named.items() if names or part != "val"}
+    return FileSplit(file.name, file, lists, partial=True)
 
 
 def _checked(names: Sequence[object], file: Path, part: str) -> tuple[str, ...]:

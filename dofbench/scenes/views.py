@@ -21,7 +21,7 @@ from dofbench.scenes.light import coding_notes, for_display, read_values
 from dofbench.scenes.local_frame import AnotherFrame, localised
 from dofbench.scenes.scene import Scene, SceneView, Split
 from dofbench.scenes.scene_masks import MaskOnDisk, check_size
-from dofbench.scenes.split_files import split_by_files, split_sources
+from dofbench.scenes.split_files import split_by_files, split_sources, unread_note
 from dofbench.scenes.undistort import Intrinsics, sample_depth, undistort_image, undistorted
 
 # Sizes rounded down a pyramid leave the aspect ratio off by a pixel: 1 % is more than that, and less than a crop.
@@ -138,6 +138,20 @@ def assemble(
     return localised(scene, offset, subject).noted(*coding_notes(codings))
 
 
+def among_all(scene: Scene, called: Mapping[Path, str], absent: Collection[str]) -> Scene:
+    """The scene with its views' places among all (`Scene.places`), some of which were skipped.
+
+    called: what each view's file (`SceneView.source`) is called where its pose is. absent: the names of those skipped.
+    """
+    if not absent:
+        return scene
+    ours = [called[view.source] for view in scene.views]
+    order = {name: place for place, name in enumerate(sorted(view_names([*ours, *absent])))}
+    places = [order[name] for name in view_names([*ours, *absent])[: len(ours)]]
+    # Files in folders may be sorted otherwise than their names where the poses are: views keep their order.
+    return replace(scene, places=tuple(sorted(places)))
+
+
 def held_out(
     scene: Scene, hold: int | None, known_as: Mapping[Path, str] | None = None, absent: Collection[str] = ()
 ) -> Scene:
@@ -150,6 +164,7 @@ def held_out(
         return by_files
     marked = marked_hold(scene.root)
     by = f"hold {DEFAULT_HOLD} (default)" if marked is None else by_marker(marked)
+    scene = scene.noted(unread_note(scene.root))
     return replace(scene.with_hold(DEFAULT_HOLD if marked is None else marked), split_by=by)
 
 

@@ -6,11 +6,12 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from dofbench.core.errors import InputError
 from dofbench.scenes import load_scene
-from dofbench.scenes.export import write_colmap, write_transforms
+from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
 
 COUNT = 6
 NAMES = [f"IMG_{index}.JPG" for index in range(COUNT)]
@@ -145,3 +146,101 @@ def test_lists_of_transforms_json_and_files(tmp_path: Path, make_cameras: Callab
     (tmp_path / "test.txt").write_text("2.png\n")
     with pytest.raises(InputError, match=r"1, 2 in test\.txt otherwise than in the lists of transforms\.json"):
         load_scene(tmp_path)
+
+
+def table(rows: list[tuple[str, str, str]], separator: str = "\t") -> str:
+    """Phototourism's: filename, id, split, dataset."""
+    lines_of = [("filename", "id", "split", "dataset"), *((*row, "gate") for row in rows)]
+    return "\n".join(separator.join(row) for row in lines_of) + "\n"
+
+
+@pytest.mark.parametrize(("file", "separator"), [("split.tsv", "\t"), ("split.csv", ","), ("brandenburg.tsv", "\t")])
+def test_a_table_names_views_of_neither_part_too(folder: Path, file: str, separator: str) -> None:
+    rows = [(NAMES[0], "1", "train"), (NAMES[1], "2", "test"), (NAMES[2], "", "test"), (NAMES[3], "4", "train")]
+    (folder / file).write_text(table([*rows, (NAMES[4], "5", "")], separator))
+    scene = load_scene(folder)
+    assert [(view.name, view.split) for view in scene.views] == [
+        ("IMG_0", "train"),
+        ("IMG_1", "test"),
+        ("IMG_3", "train"),
+    ]
+    assert scene.split_by == file and any("3 in neither skipped" in note for note in scene.notes)
+    assert len(load_scene(folder, hold=3).views) == COUNT
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("image\tpart\nIMG_0.JPG\ttrain\n", "columns image, part"),
+        ("filename\tsplit\nIMG_0.JPG\n", "1 columns in line 2"),
+        ("filename\tsplit\nIMG_0.JPG\tdev\n", "split dev in line 2"),
+        ("filename\tsplit\nIMG_0.JPG\ttrain\nIMG_9.JPG\ttest\n", r"IMG_9\.JPG in test"),
+        ("", "columns none"),
+    ],
+)
+def test_tables_that_are_no_split_are_refused(folder: Path, text: str, said: str) -> None:
+    (folder / "split.tsv").write_text(text)
+    with pytest.raises(InputError, match=said):
+        load_scene(folder)
+
+
+@pytest.mark.parametrize("key", ["{}_filenames", "{}_ids", "{}_images"])
+def test_lists_in_json_by_other_names(folder: Path, key: str) -> None:
+    names = [name.removesuffix(".JPG") if "ids" in key else name for name in TEST]
+    (folder / "split.json").write_text(json.dumps({key.format("test"): names}))
+    assert [view.name for view in load_scene(folder).test_views()] == EXPECTED
+    (folder / "split.json").write_text(json.dumps({key.format("test"): names, "test": names}))
+    with pytest.raises(InputError, match="one list of them"):
+        load_scene(folder)
+
+
+def test_indices_are_refused_and_unknown_files_named(folder: Path) -> None:
+    (folder / "split.json").write_text(json.dumps({"train": [0, 2, 3, 5], "test": [1, 4]}))
+    with pytest.raises(InputError, match="indices in train and test"):
+        load_scene(folder)
+    (folder / "split.json").rename(folder / "splits.json")
+    assert any("splits.json not read" in note for note in load_scene(folder).notes)
+    (folder / "test.txt").write_text(lines(TEST))
+    assert not any("splits.json" in note for note in load_scene(folder).notes)
+
+
+def test_test_frames_are_test_views(tmp_path: Path, make_cameras: Callable, write_images: Callable) -> None:
+    paths = [f"images/{index}.png" for index in range(4)]
+    write_images(tmp_path, paths)
+    file = tmp_path / "transforms.json"
+    write_transforms(file, paths, make_cameras(4))
+    content = json.loads(file.read_text())
+    content["test_frames"] = [content["frames"].pop(1), content["frames"].pop(1)]
+    file.write_text(json.dumps(content))
+    scene = load_scene(tmp_path)
+    assert [view.split for view in scene.views] == ["train", "test", "test", "train"]
+    for change in ({"test_filenames": paths[:1]}, {"test_frames": 3}, {"test_frames": content["frames"]}):
+        file.write_text(json.dumps({**content, **change}))
+        with pytest.raises(InputError, match="test_frames"):
+            load_scene(tmp_path)
+
+
+@pytest.mark.parametrize("layout", ["colmap", "nerfstudio", "llff"])
+def test_skipped_images_do_not_move_test_views(
+    tmp_path: Path, make_cameras: Callable, write_images: Callable, make_cloud: Callable, layout: str
+) -> None:
+    names = [f"{index:02d}.png" for index in range(20)]
+    cameras = make_cameras(20)
+    write_images(tmp_path / "images", names)
+    write_colmap(tmp_path, names, cameras, make_cloud(cameras))
+    write_transforms(tmp_path / "transforms.json", [f"images/{name}" for name in names], cameras)
+    write_poses_bounds(tmp_path / "poses_bounds.npy", cameras, np.tile([1.0, 9.0], (20, 1)))
+    for name in (names[5], names[16]):
+        (tmp_path / "images" / name).unlink()
+    scene = load_scene(tmp_path, layout=layout, skip_missing=True)
+    assert len(scene.views) == 18 and [view.name for view in scene.test_views()] == ["00", "08"]
+    assert [view.name for view in load_scene(tmp_path, layout=layout, skip_missing=True, hold=6).test_views()] == [
+        "00",
+        "06",
+        "12",
+        "18",
+    ]
+    with pytest.raises(InputError, match="hold 17"):
+        (tmp_path / "images/00.png").unlink()
+        (tmp_path / "images/17.png").unlink()
+        load_scene(tmp_path, layout=layout, skip_missing=True, hold=17)
