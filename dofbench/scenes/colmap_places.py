@@ -12,7 +12,12 @@ from dofbench.scenes.colmap_files import model_suffix
 from dofbench.scenes.colmap_text import count_images
 from dofbench.scenes.folders import image_folders
 
-PLACES = "sparse/0, sparse, colmap/sparse/0, dense/0/sparse, distorted/sparse/0, colmap_sparse/0 or colmap_text"
+PLACES = (
+    "sparse/0, sparse, colmap/sparse/0, dense/0/sparse, undistorted/sparse, distorted/sparse/0, colmap_sparse/0 or "
+    "colmap_text"
+)
+# What the output folder of COLMAP's image_undistorter is called, besides dense.
+_UNDISTORTED = ("undistorted", "undistort", "mvs")
 # A folder with a model, or with numbered ones, and its images': COLMAP and 3DGS; nerfstudio; COLMAP's automatic
 # reconstruction; 3DGS's convert.py before it takes the distortion out (its images/ have none); instant-ngp.
 _PLACES = (
@@ -21,6 +26,7 @@ _PLACES = (
     ("colmap/sparse", "colmap/images"),
     ("dense/*/sparse", "dense/*/images"),
     ("dense/sparse", "dense/images"),
+    *((f"{name}{inner}/sparse", f"{name}{inner}/images") for name in _UNDISTORTED for inner in ("", "/*")),
     ("distorted/sparse", "input"),
     ("colmap_sparse", "images"),
     ("colmap_text", "images"),

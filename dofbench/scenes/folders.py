@@ -188,6 +188,10 @@ def match_files(folder: Path, names: Sequence[str], subject: object, *, by_order
     return [file for file in matched.files if file is not None]
 
 
+class MissingImages(InputError):
+    """Images that a scene names and that aren't there, where others are: --skip-missing reads those."""
+
+
 def refuse_missing(folder: Path, names: Sequence[str], matched: MatchedFiles, subject: object) -> None:
     """Raise InputError, which names the option that skips them, where a name has no file."""
     missing = [name for name, file in zip(names, matched.files, strict=True) if file is None]
@@ -195,7 +199,8 @@ def refuse_missing(folder: Path, names: Sequence[str], matched: MatchedFiles, su
         expected = f"every image that {subject} names"
         others = len(names) - len(missing)
         hint = f"; make-dataset --skip-missing reads the other {others}" if others else ""
-        raise InputError(folder, f"no image for {listed(missing)}", expected + hint)
+        error = MissingImages if others else InputError
+        raise error(folder, f"no image for {listed(missing)}", expected + hint)
 
 
 def view_names(files: Sequence[str]) -> list[str]:

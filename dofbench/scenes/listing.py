@@ -9,10 +9,12 @@ from pathlib import Path
 from dofbench.core.aligned import aligned
 from dofbench.core.errors import InputError
 from dofbench.core.evidence import ROLE_NOT_STATED
+from dofbench.scenes.folders import MissingImages
 from dofbench.scenes.loading import LAYOUTS, load_scene
 from dofbench.scenes.named import NamedDataset, find_data_root, named_datasets, scenes_of
 from dofbench.scenes.named.places import VARIABLE, what_to_put
 from dofbench.scenes.named.presence import Presence, inspect
+from dofbench.scenes.pose_checks import unchecked
 from dofbench.scenes.scene import SceneView
 
 
@@ -22,7 +24,7 @@ class Listed:
 
     name: what to give to make-dataset: a built-in name or a folder. split: the rule or file that made it. width,
     height: of the first view, pixels. exif: how many views' f-numbers and focus distances are known. title: what a
-    built-in scene shows. notes: what was chosen or skipped while reading it.
+    built-in scene shows. notes: what was chosen or skipped while reading it. whole: no image that it names is missing.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Listed:
     title: str = ""
     problem: str = ""
     notes: tuple[str, ...] = ()
+    whole: bool = True
 
 
 def list_scenes(folders: Sequence[Path] = ()) -> list[Listed]:
@@ -89,7 +92,7 @@ def print_scenes(folders: Sequence[Path] = (), data_root: Path | None = None) ->
             print(f"no scene: {scene.problem}")
     whole = _print_named(root)
     print(f"\nA scene is a built-in name, DATASET/SCENE, or a folder in one of the layouts {', '.join(LAYOUTS)}.")
-    return whole and not any(scene.problem for scene in listed)
+    return whole and all(scene.whole and not scene.problem for scene in listed)
 
 
 def _print_named(root: Path | None) -> bool:
@@ -173,8 +176,13 @@ def _folders(parent: Path) -> list[Path]:
 
 
 def _describe(folder: Path, name: str) -> Listed:
+    missing = ""
     try:
-        scene = load_scene(folder)
+        try:
+            scene = load_scene(folder)
+        except MissingImages:
+            scene = load_scene(folder, skip_missing=True)
+            missing = "images are missing: make-dataset reads the others with --skip-missing"
     except InputError as error:
         return Listed(name, problem=str(error))
     first = scene.views[0]
@@ -189,7 +197,8 @@ def _describe(folder: Path, name: str) -> Listed:
         points=0 if scene.points is None else len(scene.points),
         depth=first.depth is not None,
         exif=_exif_text(scene.views),
-        notes=scene.notes,
+        notes=scene.noted(unchecked(scene), missing).notes,
+        whole=not missing,
     )
 
 

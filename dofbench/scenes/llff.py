@@ -15,6 +15,7 @@ from dofbench.scenes.colmap import Model, read_found, read_model
 from dofbench.scenes.colmap_places import choose_model
 from dofbench.scenes.folders import choose_folder, find_matches, image_files, match_files, refuse_missing
 from dofbench.scenes.poses import Mended, invert, llff_to_opencv, rigid
+from dofbench.scenes.rows_beside import check_order
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.undistort import Intrinsics
 from dofbench.scenes.unused import fewer_points, skipped, without_pose
@@ -73,6 +74,12 @@ def read_folder(root: Path, folder: Path, *, width: int | None, skip_missing: bo
         called = dict(zip(files, model.names, strict=True))
     else:
         called, absent = {}, []
+        if model is not None and len(model.names) == len(rows):
+            order = find_matches(folder, model.names, model.folder, by_order=True).files
+            if None not in order:
+                of_rows = [path.relative_to(folder).as_posix() for path in files]
+                place = {path: index for index, path in enumerate(files)}
+                notes.append(check_order(rows, model, [place[path] for path in order if path], of_rows, file))
     mended = Mended()
     frames = _frames(rows[kept], folder, files, file, mended)
     points = None if model is None else tracked_points(model, folder, files)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
@@ -11,11 +12,13 @@ from dofbench.core.errors import InputError
 from dofbench.core.files import read_json
 from dofbench.scenes import colmap
 from dofbench.scenes.colmap_places import PLACES, scene_folder
-from dofbench.scenes.folders import contents, image_files, marked_hold
+from dofbench.scenes.companions import photographs_of
+from dofbench.scenes.folders import contents, image_files, listed, marked_hold
 from dofbench.scenes.found_masks import ALPHAS, with_masks
 from dofbench.scenes.local_frame import AnotherFrame
 from dofbench.scenes.marked_sharp import marked_are_sharper
-from dofbench.scenes.nerfstudio import listed_split
+from dofbench.scenes.nerfstudio import LISTS, listed_split
+from dofbench.scenes.pose_checks import checked_poses, unchecked
 from dofbench.scenes.scene import Alpha, Scene
 from dofbench.scenes.split_files import split_by
 from dofbench.scenes.views import by_marker
@@ -31,6 +34,8 @@ _MARKS = {
 # Layouts that no file gives away: they are asked for by name, known of a named dataset, or measured.
 UNMARKED = ("deblurnerf",)
 LAYOUTS = (*_MARKS, *UNMARKED)
+# Where a scene is looked for below a folder that is none, to name it.
+_STEPS_DOWN, _FOLDERS = 2, 200
 _printed: set[str] = set()
 
 
@@ -80,7 +85,10 @@ def load_scene(
     if alpha_channel is not None and alpha_channel not in ALPHAS:
         raise InputError("alpha_channel", repr(alpha_channel), " or ".join(ALPHAS))
     options = {"width": width, "images": images, "hold": hold, "skip_missing": skip_missing}
-    return with_masks(_without_masks(root, layout, chosen, options), alpha_channel)
+    scene = _without_masks(root, layout, chosen, options)
+    # A dataset of ours has the poses of a scene that has been through here.
+    scene = scene if (root / "dataset.json").is_file() else checked_poses(scene)
+    return with_masks(scene.noted(_lists_not_used(root, layout, scene)), alpha_channel)
 
 
 def _without_masks(root: Path, layout: str, chosen: str, options: Mapping[str, int | str | None]) -> Scene:
@@ -98,6 +106,19 @@ def _without_masks(root: Path, layout: str, chosen: str, options: Mapping[str, i
             expected = f"{error.expected}; --layout colmap reads the COLMAP model by itself"
             raise InputError(error.subject, error.found, expected) from None
         return model
+
+
+def _lists_not_used(root: Path, layout: str, scene: Scene) -> str:
+    """A note on the split of a transforms.json where another layout was asked for; empty where it has none."""
+    file = root / "transforms.json"
+    if layout in ("auto", "nerfstudio") or scene.layout == "nerfstudio" or not file.is_file():
+        return ""
+    try:
+        content = read_json(file)
+        lists = listed_split(content, file) if isinstance(content, dict) else None
+    except InputError:
+        return f"{file.name} is not used, as --layout {layout} asks"
+    return "" if lists is None else f"{LISTS} are not used for the split, as --layout {layout} asks"
 
 
 def _marked(root: Path, marked: int, options: Mapping[str, int | str | None]) -> Scene:
@@ -163,7 +184,8 @@ def _model_by_itself(root: Path, error: AnotherFrame, **options: int | str | Non
 def print_notes(scene: Scene) -> None:
     """Print a scene's notes, and what made its split, to standard error, each once in the life of the program."""
     split = f"split by {scene.split_by}"
-    for note in scene.notes if any(note.startswith(split) for note in scene.notes) else (*scene.notes, split):
+    notes = scene.notes if any(note.startswith(split) for note in scene.notes) else (*scene.notes, split)
+    for note in (*notes, *filter(None, [unchecked(scene)])):
         line = f"{scene.root}: {note}"
         if line not in _printed:
             _printed.add(line)
@@ -175,13 +197,36 @@ def detect(root: Path) -> str | None:
     return next((layout for layout in _MARKS if import_module(f"dofbench.scenes.{layout}").fits(root)), None)
 
 
+def _scenes_inside(root: Path) -> list[Path]:
+    """Folders with poses below one without: the nearest, at most two steps down."""
+    found: list[Path] = []
+    level = [root]
+    for _ in range(_STEPS_DOWN):
+        below = [path for folder in level for path in sorted(folder.iterdir()) if _is_folder(path)][:_FOLDERS]
+        found = [path for path in below if detect(path) is not None]
+        if found:
+            break
+        level = below
+    return found
+
+
+def _is_folder(path: Path) -> bool:
+    return path.is_dir() and not path.is_symlink() and not path.name.startswith(".") and os.access(path, os.R_OK)
+
+
 def _detect(root: Path) -> str:
     layout = detect(root)
     if layout is not None:
         return layout
+    inside = _scenes_inside(root)
+    if inside:
+        found = f"no poses, but scenes in {listed(path.relative_to(root).as_posix() for path in inside)}"
+        raise InputError(root, found, f"the folder of one scene, as {inside[0]}")
     # Beside an incomplete COLMAP model the error is about the model, not about missing poses.
-    if not (root / "sparse").is_dir() and (photographs := image_files(root)):
+    if not (root / "sparse").is_dir() and image_files(root):
+        _, photographs, aside = photographs_of(root, None)
         expected = f"a scene with camera poses: dofbench reconstruct {root} --out SCENE finds them"
-        raise InputError(root, f"{len(photographs)} photographs without poses", expected)
+        besides = f" ({aside[0]})" if aside else ""
+        raise InputError(root, f"{len(photographs)} photographs without poses{besides}", expected)
     expected = "; or ".join(f"{_MARKS[layout]} ({layout})" for layout in _MARKS)
     raise InputError(root, contents(root), expected)

@@ -130,20 +130,19 @@ def with_test_frames(content: Mapping[str, Any], file: Path) -> dict[str, Any]:
 
     Raises InputError for such a list that is none, and for one beside lists of names.
     """
-    tests = content.get("test_frames")
-    if not tests:
+    tests, frames = content.get("test_frames"), content.get("frames")
+    if not tests or not isinstance(frames, list):
         return dict(content)
     if not isinstance(tests, list) or not all(isinstance(frame, dict) for frame in tests):
         raise InputError(file, "test_frames that is no list of frames", "one object a test view, as in frames")
     named = [name for part in _PARTS if content.get(name := f"{part}_filenames") is not None]
     if named:
         raise InputError(file, f"test_frames and {' and '.join(named)}", "one of them: they say the split")
-    train, test = ([_path(frame, file) for frame in frames] for frames in (content["frames"], tests))
+    train, test = [_path(frame, file) for frame in frames], [_path(frame, file) for frame in tests]
     both = sorted(set(train) & set(test))
     if both:
         raise InputError(file, f"{listed(both)} in frames and in test_frames", "a view in one of them")
-    frames = [*content["frames"], *tests]
-    return {**content, "frames": frames, "train_filenames": train, "test_filenames": test}
+    return {**content, "frames": [*frames, *tests], "train_filenames": train, "test_filenames": test}
 
 
 def _path(entry: Mapping[str, Any], file: Path) -> str:

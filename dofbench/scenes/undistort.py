@@ -24,6 +24,8 @@ _BAND = 256
 # Of an image's longer side: the focal length of a fisheye that sees all around is a sixth; a telescope's a hundred. A
 # principal point is off the image only in parts of one.
 _SHORTEST, _LONGEST, _FARTHEST = 0.02, 1e4, 20
+# Pixels: in larger images a principal point within a pixel of the edge is no number of pixels.
+_TINY = 4
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,16 @@ class Intrinsics(Calibration):
         if not max(abs(self.cx), abs(self.cy)) <= _FARTHEST * side:
             found = f"a principal point of {self.cx:g}, {self.cy:g} px for {which}"
             raise InputError(subject, found, f"{_FARTHEST * side:g} px at most ({side} px is a side)")
+        if min(self.width, self.height) > _TINY and min(abs(self.cx), abs(self.cy)) <= 1:
+            size = f"{self.width}x{self.height}"
+            found = f"a principal point of {self.cx:g}, {self.cy:g} px for {which}, whose image is {size}"
+            shares = f"{self.cx * self.width:g}, {self.cy * self.height:g}"
+            raise InputError(subject, found, f"pixels (were these shares of the image, {shares})")
+
+    @property
+    def off_centre(self) -> bool:
+        """Whether the principal point lies outside of the middle half of the image, across or down."""
+        return abs(self.cx / self.width - 0.5) > 0.25 or abs(self.cy / self.height - 0.5) > 0.25
 
     def camera(self, world_to_camera: np.ndarray) -> Camera:
         """The pinhole camera at a pose; ValueError while there is distortion."""

@@ -135,7 +135,16 @@ def assemble(
         tracks = (np.sort(rank[track]) for track in points.views)
         points = replace(points, views=tuple(track[in_front[track, point]] for point, track in enumerate(tracks)))
     scene = Scene(scene_name(root), root, layout, tuple(views[index] for index in order), points)
-    return localised(scene, offset, subject).noted(*coding_notes(codings))
+    return localised(scene, offset, subject).noted(*coding_notes(codings), _off_centre_note(frames))
+
+
+def _off_centre_note(frames: Sequence[Frame]) -> str:
+    off = [frame for frame in frames if frame.intrinsics.off_centre]
+    if not off:
+        return ""
+    lens = off[0].intrinsics
+    first = f"{off[0].name}: {lens.cx:g}, {lens.cy:g} of {lens.width}x{lens.height} pixels"
+    return f"principal points of {len(off)} of {len(frames)} views far from the middle of the image ({first})"
 
 
 def among_all(scene: Scene, called: Mapping[Path, str], absent: Collection[str]) -> Scene:

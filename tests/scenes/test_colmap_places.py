@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +59,11 @@ def put(model: Path, place: Path, images: Sequence[int] = range(COUNT), *, text:
         ("colmap/sparse/0", "images"),
         ("colmap/sparse/0", "colmap/images"),
         ("dense/0/sparse", "dense/0/images"),
+        ("dense/sparse/0", "dense/images"),
+        ("undistorted/sparse", "undistorted/images"),
+        ("undistorted/0/sparse", "undistorted/0/images"),
+        ("undistort/sparse/0", "undistort/images"),
+        ("mvs/sparse", "mvs/images"),
         ("dense/sparse", "dense/images"),
         ("distorted/sparse/0", "input"),
         ("colmap_sparse/0", "images"),
@@ -229,3 +235,65 @@ class TestRowsOfAPartOfTheImages:
         assert [view.name for view in load_scene(folder, skip_missing=True).views] == ["0", "4"]
         given = cameras[4].world_to_camera
         np.testing.assert_allclose(scene.views[1].camera.world_to_camera, given, atol=POSE_ROUND_TRIP)
+
+
+def test_a_scene_farther_down_is_named(model: Path, root: Path, write_images: Callable) -> None:
+    put(model, root / "work/step3/sparse/0")
+    write_images(root / "work/step3/images", NAMES)
+    with pytest.raises(InputError, match="the folder of one scene, as .*/work/step3"):
+        load_scene(root)
+    assert load_scene(root / "work/step3").layout == "colmap"
+
+
+def test_lists_that_a_layout_passes_over_are_named(
+    model: Path, root: Path, cameras: list[Camera], write_images: Callable
+) -> None:
+    put(model, root / "sparse/0")
+    write_images(root / "images", NAMES)
+    paths = [f"images/{name}" for name in NAMES]
+    write_transforms(root / "transforms.json", paths, cameras)
+    assert not load_scene(root, layout="colmap").notes
+    splits: list = ["train", "test", "train", "train", "train"]
+    write_transforms(root / "transforms.json", paths, cameras, splits=splits)
+    assert any("transforms.json are not used" in note for note in load_scene(root, layout="colmap").notes)
+
+
+class TestRowsInAnotherOrder:
+    """As many rows as images and as the model has, of the same cameras or others."""
+
+    @pytest.fixture
+    def spread(self, make_cameras: Callable) -> list[Camera]:
+        return make_cameras(10)
+
+    def scene(self, root: Path, ours: Sequence[Camera], theirs: Sequence[Camera], write_images: Callable) -> Path:
+        names = [f"{index}.png" for index in range(10)]
+        write_images(root / "images", names)
+        write_poses_bounds(root / "poses_bounds.npy", ours, np.tile([1.0, 9.0], (10, 1)))
+        write_colmap(root, names, theirs, None)
+        return root
+
+    @pytest.mark.parametrize("order", [[1, 0, *range(2, 10)], [*range(1, 10), 0], [*range(9, -1, -1)]])
+    def test_in_one_frame(self, root: Path, spread: list[Camera], write_images: Callable, order: list[int]) -> None:
+        folder = self.scene(root, [spread[index] for index in order], spread, write_images)
+        with pytest.raises(InputError, match=r"rows of other images.*--layout colmap"):
+            load_scene(folder, layout="llff")
+        assert load_scene(folder, layout="colmap").views
+
+    def test_up_to_a_similarity(self, root: Path, spread: list[Camera], write_images: Callable) -> None:
+        moved = [_by_a_similarity(camera) for camera in spread]
+        folder = self.scene(root, spread, moved, write_images)
+        assert not load_scene(folder, layout="llff").notes
+        folder = self.scene(root, spread[1:] + spread[:1], moved, write_images)
+        with pytest.raises(InputError, match="elsewhere than in"):
+            load_scene(folder, layout="llff")
+        folder = self.scene(root, [spread[1], spread[0], *spread[2:]], moved, write_images)
+        assert any(note.startswith("0.png, 1.png elsewhere") for note in load_scene(folder, layout="llff").notes)
+
+
+def _by_a_similarity(camera: Camera) -> Camera:
+    """The camera in a frame that is turned, 3 times as large and moved."""
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    pose = np.eye(4)
+    pose[:3, :3] = camera.world_to_camera[:3, :3] @ turn.T
+    pose[:3, 3] = -pose[:3, :3] @ (3 * turn @ camera.centre + (5.0, 1.0, 2.0))
+    return replace(camera, world_to_camera=pose)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,12 @@ def scene(tmp_path: Path, write_images: Callable[..., None]) -> Path:
     root = tmp_path / "shelf" / "little"
     names = [f"{index}.png" for index in range(5)]
     write_images(root / "images", names, (20, 10))
-    frames = [{"file_path": f"images/{name}", "transform_matrix": np.eye(4).tolist()} for name in names]
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    poses[:, 0, 3] = range(5)
+    frames = [
+        {"file_path": f"images/{name}", "transform_matrix": pose.tolist()}
+        for name, pose in zip(names, poses, strict=True)
+    ]
     camera = {"w": 20, "h": 10, "fl_x": 22.0, "fl_y": 22.0, "cx": 10.0, "cy": 5.0}
     (root / "transforms.json").write_text(json.dumps({**camera, "frames": frames}))
     (tmp_path / "shelf" / "notes").mkdir()
@@ -36,8 +42,20 @@ def test_a_scene_and_the_folder_that_holds_it_are_listed_alike(scene: Path) -> N
     expected = Listed(
         str(scene), layout="nerfstudio", training=4, test=1, split="hold 8 (default)", width=20, height=10
     )
-    assert given(scene) == [expected]
-    assert given(scene.parent) == [expected]
+    assert [replace(listed, notes=()) for listed in given(scene)] == [expected]
+    assert given(scene.parent) == given(scene)
+
+
+def test_a_scene_with_deleted_images_is_listed_and_is_not_whole(
+    scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (scene / "images/3.png").unlink()
+    (listed,) = given(scene)
+    assert not listed.problem and (listed.training, listed.test) == (3, 1)
+    assert any("images/3.png" in note for note in listed.notes)
+    assert cli.main(["scenes", str(scene)]) == 1
+    said = capsys.readouterr().out
+    assert "--skip-missing" in said and "no scene" not in said
 
 
 def test_a_folder_without_a_scene_is_named_with_the_reason(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:

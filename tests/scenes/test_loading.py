@@ -135,3 +135,10 @@ def test_views_travel_to_other_processes(folder):
 def test_importing_is_light():
     heavy = {"torch", "numba", "cv2", "OpenImageIO", "pycolmap", "scipy", "matplotlib"}
     assert not heavy & imported_by("import dofbench.scenes")
+
+
+def test_masks_beside_photographs_are_no_photographs(tmp_path, write_images):
+    write_images(tmp_path, [f"{index}.png" for index in range(4)])
+    write_images(tmp_path / "masks", [f"{index}.png" for index in range(4)])
+    with pytest.raises(InputError, match="found 4 photographs without poses.*4 in masks/"):
+        load_scene(tmp_path)

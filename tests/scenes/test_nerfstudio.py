@@ -99,6 +99,8 @@ def _angle(degrees, content):
         (lambda c: c.update(cx=1e300), "cx 1e\\+300"),
         (lambda c: c.update(cx=1e9), r"a principal point of 1e\+09"),
         (lambda c: c.update(cy=-1e5), "a principal point"),
+        (lambda c: c.update(cx=0.5, cy=0.5), "pixels .were these shares of the image, 24, 18"),
+        (lambda c: c.update(cx=0.5), "pixels .were these shares"),
         (lambda c: c.update(fl_x=1e300), "fl_x 1e\\+300"),
         (lambda c: c.update(fl_x=1e9), r"focal lengths 1e\+09"),
         (lambda c: c.update(fl_x=0.9, fl_y=0.9), "focal lengths 0.9, 0.9"),  # in shares of the width
@@ -110,6 +112,13 @@ def test_numbers_out_of_all_proportion_are_refused(folder, change, said):
     edit(folder, change)
     with pytest.raises(InputError, match=said):
         load_scene(folder)
+
+
+def test_principal_points_far_from_the_middle_are_named(folder):
+    edit(folder, lambda content: content["frames"][2].update(cx=37.0))
+    assert any("1 of 4 views far from the middle" in note and "37, 18" in note for note in load_scene(folder).notes)
+    edit(folder, lambda content: content["frames"][2].update(cx=35.0))
+    assert not load_scene(folder).notes
 
 
 @pytest.mark.parametrize("scale", [0.35, 1.0])

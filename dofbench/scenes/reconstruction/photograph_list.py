@@ -18,11 +18,11 @@ from dofbench.core.exif import Exif
 from dofbench.core.files import sha256_file, sha256_text
 from dofbench.core.images import image_coding, image_size, read_exr, read_image, resize, write_exr, write_png
 from dofbench.core.masks import filled, read_mask, read_opaque, shrunk_mask, write_mask
+from dofbench.scenes.companions import photographs_of
 from dofbench.scenes.exif_files import exif_by_file
-from dofbench.scenes.folders import IMAGE_SUFFIXES, choose_folder, image_files, image_folders, other_files, view_names
+from dofbench.scenes.folders import IMAGE_SUFFIXES, other_files, view_names
 from dofbench.scenes.found_masks import alpha_note, masks_beside, translucent
 from dofbench.scenes.light import coding_notes, for_display, read_values
-from dofbench.scenes.reconstruction.companions import without_companions
 from dofbench.scenes.scene import Alpha, Split
 from dofbench.scenes.scene_masks import check_size
 
@@ -88,10 +88,7 @@ def find_photographs(source: Path, images: str | None, alpha: Alpha | None = Non
     an alpha channel means. Raises InputError for no photographs, for fewer than three, and for
     those that a package which isn't installed would read.
     """
-    folder = source
-    if images is not None or image_folders(source):
-        folder = choose_folder(source, width=None, images=images, habit=())
-    files, aside = without_companions(folder, image_files(folder))
+    folder, files, aside = photographs_of(source, images)
     if len(files) < LEAST:
         found = f"{len(files)} photographs" if len(files) != 1 else "one photograph"
         raise InputError(folder, found, f"at least {LEAST} ({', '.join(IMAGE_SUFFIXES)}), taken from different places")

@@ -8,6 +8,8 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from dofbench.scenes.folders import choose_folder, image_files, image_folders
+
 _KIND = (
     "masks?|depths?|depth_?maps?|conf|confs|confidences?|confidence_?maps?|normals?|normal_?maps?|disparity|disparities|"
     "segmentations?|semantics?|labels?|alphas?|mattes?"
@@ -16,6 +18,19 @@ _KIND = (
 _FOLDER = re.compile(rf"(?:[a-z0-9]+[_-])?(?:{_KIND})(?:[_-](?:\d+|png|exr|tiff?|jpe?g|images?))?", re.IGNORECASE)
 # A file such as IMG_0_mask.png or 12.depth.png, next to IMG_0.png or 12.png.
 _FILE = re.compile(rf"(.+)[._-](?:{_KIND})", re.IGNORECASE)
+
+
+def photographs_of(source: Path, images: str | None) -> tuple[Path, list[Path], list[str]]:
+    """The photographs of a folder without poses: where they are, their files, and a note on images that are none.
+
+    images: the folder within `source`. Without it, where there are `images`, `images_4` and the like: the one with the
+    largest; else the source itself. Raises InputError where there is no such folder.
+    """
+    folder = source
+    if images is not None or image_folders(source):
+        folder = choose_folder(source, width=None, images=images, habit=())
+    files, aside = without_companions(folder, image_files(folder))
+    return folder, files, aside
 
 
 def without_companions(folder: Path, files: Sequence[Path]) -> tuple[list[Path], list[str]]:
