@@ -69,7 +69,7 @@ def wrong_depth(root, manifest):
 @pytest.mark.parametrize(
     "change, word",
     [
-        (wrong_image, "another image of view v02"),
+        (wrong_image, "another image or mask of view v02"),
         (wrong_depth, "other cameras, split, depth or points"),
         (lambda root, manifest: manifest.update(dofbench="0.0.0"), "made by dofbench 0.0.0"),
     ],
