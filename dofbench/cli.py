@@ -37,6 +37,7 @@ from dofbench.commands.methods_options import Methods  # noqa: E402
 from dofbench.compute.threads import configure_threads  # noqa: E402
 from dofbench.core.clock import loading  # noqa: E402
 from dofbench.core.errors import InputError, interruption, one_line, out_of_memory  # noqa: E402
+from dofbench.core.supervised import Repeats, in_child  # noqa: E402
 from dofbench.procedural.scene_options import MakeScene  # noqa: E402
 from dofbench.reporting.report_options import Report  # noqa: E402
 from dofbench.running.ablation_options import Ablate  # noqa: E402
@@ -102,6 +103,14 @@ class Interrupted(KeyboardInterrupt):
     def __init__(self, number: int):
         self.number = number
         super().__init__(number)
+
+
+_repeats = Repeats()
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    if not _repeats(number):
+        raise Interrupted(number)
 
 
 Command = (
@@ -276,11 +285,15 @@ def _check_utf8(arguments: Sequence[str]) -> None:
 
 
 def console() -> None:
-    """The installed program: `main`, then an end without the interpreter's clean-up.
+    """The installed program: `main`, for runs in a child process, then an end without the interpreter's clean-up.
 
     When the interpreter exits, OpenImageIO's binding prints a page about objects that colour-science still holds, which
     means nothing to a user. Skipping the clean-up loses nothing: every file is closed or renamed by then.
     """
+    if sys.argv[1:2] in (["run"], ["ablate"]):
+        signal.signal(signal.SIGINT, _stop_at_once)
+        in_child(FAILED)
+    signal.signal(signal.SIGINT, _interrupt)
     status = main()
     sys.stdout.flush()
     sys.stderr.flush()
@@ -313,11 +326,7 @@ def _input_errors_unframed() -> Iterator[None]:
 @contextmanager
 def _signals_as_exceptions() -> Iterator[None]:
     """SIGTERM ends a command the way Ctrl-C does: through its `finally` blocks, with files whole."""
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        raise Interrupted(number)
-
-    previous = signal.signal(signal.SIGTERM, stop)
+    previous = signal.signal(signal.SIGTERM, _interrupt)
     try:
         yield
     finally:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import resource
 from collections.abc import Callable
 from enum import StrEnum
 
@@ -74,6 +75,9 @@ def out_of_memory(error: BaseException) -> bool:
         if isinstance(behind, OSError) and behind.errno == errno.ENOMEM:
             return True
         if says_no_memory(str(behind)):
+            return True
+        limited = resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
+        if limited and "can't start new thread" in str(behind):  # there is no room for its stack
             return True
         behind = behind.__cause__ or behind.__context__
     return False

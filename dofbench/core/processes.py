@@ -11,7 +11,7 @@ import threading
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess, parent_process
 from pathlib import Path
@@ -19,6 +19,8 @@ from pathlib import Path
 from dofbench.core.clock import loading
 from dofbench.core.errors import one_line
 from dofbench.core.jobs import FREED, Busy, Job, Outcome, Watcher
+from dofbench.core.memory_evidence import SAMPLE_EVERY, MemoryWatch
+from dofbench.core.supervised import recorded, report_deaths
 
 _THREADS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
 # With it a new Python process doesn't look for modules in the current folder, where a stranger's `random.py` may be.
@@ -45,7 +47,8 @@ class LocalProcesses:
         self._memory_mb = machine_memory_mb() if memory_mb is None else memory_mb
 
     def run(self, jobs: Sequence[Job], watcher: Watcher) -> list[Outcome]:
-        """See `dofbench.core.jobs.Executor.run`. A job whose process is killed has that as its problem."""
+        """See `dofbench.core.jobs.Executor.run`. A job whose process is killed has that as its problem, unless it ran
+        out of memory and had said what is to be recorded then."""
         waiting, outcomes = list(jobs), {}
         found_busy: set[str] = set()
         running: dict[str, _Running] = {}
@@ -64,7 +67,10 @@ class LocalProcesses:
                             running[job.name] = _start(job, device, variables, insist=busy[job.name])
                             watcher.started(job.name)
                 pipes = {one.pipe: name for name, one in running.items()}
-                for pipe in wait(list(pipes)):
+                ready_pipes = wait(list(pipes), SAMPLE_EVERY)
+                for one in running.values():
+                    one.memory.sample()
+                for pipe in ready_pipes:
                     assert isinstance(pipe, Connection)
                     name = pipes[pipe]
                     outcome = _received(running[name], watcher)
@@ -124,6 +130,8 @@ class _Running:
     device: str
     process: BaseProcess
     pipe: Connection
+    memory: MemoryWatch
+    on_death: list[bytes | None] = field(default_factory=lambda: [None])  # the last one counts
 
 
 def _start(job: Job, device: str, variables: dict[str, str], *, insist: bool) -> _Running:
@@ -138,7 +146,8 @@ def _start(job: Job, device: str, variables: dict[str, str], *, insist: bool) ->
         process.start()
     # The child has its own copy. Once ours is closed, the pipe ends when the child does.
     theirs.close()
-    return _Running(job, device, process, ours)
+    assert process.pid is not None
+    return _Running(job, device, process, ours, MemoryWatch(process.pid))
 
 
 def _received(run: _Running, watcher: Watcher) -> Outcome | tuple[str, int, int] | type[Busy] | None:
@@ -149,8 +158,14 @@ def _received(run: _Running, watcher: Watcher) -> Outcome | tuple[str, int, int]
     except EOFError:
         run.process.join()
         code = run.process.exitcode or 0
+        line, done = recorded(run.on_death[-1], run.memory, -code) if code < 0 else ("", False)
+        if line:
+            return Outcome(name, message=line) if done else Outcome(name, problem=line)
         how = f"killed by signal {-code} ({signal.Signals(-code).name})" if code < 0 else f"ended with status {code}"
         return Outcome(name, problem=f"its process was {how}")
+    if kind == "on death":
+        run.on_death.append(content)
+        return None
     if kind == "report":
         watcher.reported(name, content)
         return FREED if content == FREED else None
@@ -168,6 +183,7 @@ def _work(pickled: bytes, pipe: Connection, safe_path: str | None) -> None:
     # Ctrl-C reaches every process of the terminal; the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    report_deaths(lambda action: pipe.send(("on death", action)))
     try:
         try:
             with loading.running():

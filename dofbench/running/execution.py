@@ -9,6 +9,7 @@ import traceback
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 
 from rich.console import Console
 
@@ -20,9 +21,11 @@ from dofbench.core.errors import Ended, InputError, Status, interruption, out_of
 from dofbench.core.files import read_json, refuse_links_outside, sha256_file, write_json
 from dofbench.core.leases import Lease
 from dofbench.core.progress import say
+from dofbench.core.supervised import on_death, supervised
 from dofbench.metrics import METRICS
 from dofbench.results import provenance
 from dofbench.results.added_scores import ADDED_FILE
+from dofbench.results.dead_result import record_out_of_memory
 from dofbench.results.result import (
     MODEL_FOLDER,
     PREDICTIONS_FOLDER,
@@ -94,6 +97,9 @@ class Execution:
         trained: _Trained | None = None
         found = Evaluation()
         trace = ""
+        if supervised():
+            unfinished = self._result(Status.OUT_OF_MEMORY, "", "", None, found).model_dump(mode="python")
+            on_death(partial(record_out_of_memory, self.folder, unfinished))
         try:
             self.do_nothing = self.evaluator.do_nothing()
             trained = self._resumed() or self._train()
@@ -255,6 +261,13 @@ class Execution:
         return self.observer.steps if self.observer else 0
 
     def _finish(self, status: Status, message: str, trace: str, trained: _Trained | None, found: Evaluation) -> Result:
+        result = self._result(status, message, trace, trained, found)
+        self.lease.check()
+        write_result(self.folder, result)
+        on_death(None)
+        return result
+
+    def _result(self, status: Status, message: str, trace: str, trained: _Trained | None, found: Evaluation) -> Result:
         observer, outcome = self.observer, trained.outcome if trained else None
         stages = {**(trained.stages if trained else {}), **self.stages.as_data()}
         training = stages.get(TRAIN, {"wall": 0.0, "cpu": 0.0})
@@ -276,7 +289,7 @@ class Execution:
         }
         scores["peak_mb"] = max(provenance.peak_memory_mb(), trained.peak_mb if trained else 0.0)
         events = [*(observer.nonfinite if observer else ()), *(outcome.nonfinite if outcome else ()), *found.nonfinite]
-        result = Result(
+        return Result(
             schema_version=SCHEMA_VERSION,
             key=self.spec.key,
             spec=self.spec,
@@ -319,9 +332,6 @@ class Execution:
             machine=provenance.machine(self.spec.device),
             packages=provenance.package_versions(),
         )
-        self.lease.check()
-        write_result(self.folder, result)
-        return result
 
 
 def kernels_compiled() -> int:
