@@ -39,6 +39,8 @@ ALLOWED: dict[str, dict[str, int]] = {
     NUMPY_FACE: {
         "optics defocus_by_radius: .numpy()": 4,
         "optics defocus_by_radius: torch.from_numpy": 2,
+        "optics defocus_light: .numpy()": 2,
+        "optics defocus_light: torch.from_numpy": 2,
         "gaussians Exposures.render: .numpy()": 2,
         "gaussians Reconstruction.surface: .numpy()": 3,
         "fields FieldScene.render: .numpy()": 2,
@@ -71,6 +73,11 @@ ALLOWED: dict[str, dict[str, int]] = {
     NEIGHBOURS: {"gaussians _nearest: .numpy()": 2},
     PRIOR: {
         "learning with_surface_points: .numpy()": 4,
+        "learning with_surface_points: torch.from_numpy": 1,
+        "learning AlignedOnnx.forward: .numpy()": 1,
+        "learning AlignedOnnx.forward: torch.from_numpy": 1,
+        "learning _aligned: .numpy()": 4,
+        "learning _photograph: torch.from_numpy": 1,
         "learning DepthMap.with_samples: .numpy()": 3,
         "learning DepthSamples.on: .numpy()": 2,
         "learning all_disparities: .numpy()": 1,

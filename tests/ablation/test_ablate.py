@@ -146,7 +146,7 @@ def test_a_table_of_one_dataset(ablate, tmp_path: Path) -> None:
     paper = "*paper: PSNR [dB] ↑*"
     assert some[paper] == "21.50" and pinhole[paper].startswith("–")
     assert "Nobody 2020, Table 9, on their own waves" in page
-    assert "    dofbench ablate --data" in page
+    assert "\ndofbench ablate --data" in page
     assert not re.search(r"^## Mean over", page, re.MULTILINE)
 
 

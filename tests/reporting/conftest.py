@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import pytest
 from fake_method import fake_run
 from harness_fakes import Here
+from relisted import edit_json
 from rich.console import Console
 from small_dataset import write_dataset
 
@@ -67,12 +67,14 @@ class Made:
 
 def set_times(file: Path) -> None:
     """Half a second a step, and a tenth more for each seed: what these runs really took is chance."""
-    data = json.loads(file.read_text())
-    pace = 0.5 * (1 + 0.1 * data["spec"]["seed"])
-    for point in data["curve"]:
-        point["train_s"] = pace * point["steps"]
-    data["scores"]["train_s"] = pace * data["scores"]["steps"]
-    file.write_text(json.dumps(data))
+
+    def set_pace(data: dict) -> None:
+        pace = 0.5 * (1 + 0.1 * data["spec"]["seed"])
+        for point in data["curve"]:
+            point["train_s"] = pace * point["steps"]
+        data["scores"]["train_s"] = pace * data["scores"]["steps"]
+
+    edit_json(file, set_pace)
 
 
 @pytest.fixture(scope="session")
