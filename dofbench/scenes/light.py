@@ -14,12 +14,16 @@ from dofbench.core.images import read_coded
 from dofbench.core.lens import GAMMA
 from dofbench.optics.tone import encode
 
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of sRGB's primaries (IEC 61966-2-1)
+_NOISE = 0.01  # of white; the noise of a camera's black level is below this
+
 
 def read_values(file: Path, *, linear: bool) -> np.ndarray:
     """An image's values, (H, W, 3) float32: light, not negative and perhaps above 1; or encoded.
 
-    linear: what `coding_of` said of the file. Raises InputError for a file that has changed since, and for light that
-    is not finite. Negative light, which is what colours outside the gamut have, counts as 0.
+    linear: what `coding_of` said of the file. Raises InputError for a file that has changed since, for light that is
+    not finite, and for pixels of negative luminance, which no colour has. Single channels may be negative, in colours
+    outside the gamut; they count as 0.
     """
     values, coding = read_coded(file)
     if coding.linear is not linear:
@@ -29,6 +33,9 @@ def read_values(file: Path, *, linear: bool) -> np.ndarray:
     wrong = int((~np.isfinite(values)).any(axis=2).sum())
     if wrong:
         raise InputError(file, f"light that is not finite in {wrong} pixels", "a finite number for every pixel")
+    dark = int((values @ _LUMINANCE < -_NOISE).sum())
+    if dark:
+        raise InputError(file, f"light of negative luminance in {dark} pixels", "0 or more, but for noise around black")
     return np.maximum(values, np.float32(0.0))
 
 

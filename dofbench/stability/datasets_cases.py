@@ -91,8 +91,8 @@ def _refused(
 
 
 @in_folder
-def _not_encoded(folder: Path, value: float) -> Found:
-    return _refused(folder, "an encoded image", photograph=partial(_with_pixel, at=(1, 1), value=value))
+def _bad_light(folder: Path, value: float) -> Found:
+    return _refused(folder, "light", photograph=partial(_with_pixel, at=(1, 1), value=value))
 
 
 @in_folder
@@ -190,7 +190,7 @@ def _cases() -> tuple[Case, ...]:
             "photograph-{value_label}",
             "a photograph with {value} is refused by its name",
             NAMED,
-            _not_encoded,
+            _bad_light,
             value={"nan": np.nan, "inf": np.inf, "negative": -0.5},
         ),
         *made.each(

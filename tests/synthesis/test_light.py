@@ -127,7 +127,16 @@ def test_light_that_is_not_finite_is_refused(light_scene, tmp_path, value):
         made(light_scene, tmp_path / "out")
 
 
-def test_negative_light_counts_as_none(light_scene):
-    light = np.full((96, 128, 3), -0.1, np.float32)
+def test_a_negative_channel_counts_as_none(light_scene):
+    light = np.full((96, 128, 3), (0.4, -0.1, 0.3), np.float32)  # a purple outside the gamut
     write_exr(light_scene / "images" / "v01.exr", light)
-    assert not load_scene(light_scene).views[1].linear().any()
+    read = load_scene(light_scene).views[1].linear()
+    assert not read[..., 1].any() and (read[..., (0, 2)] > 0).all()
+
+
+def test_light_that_no_colour_has_is_refused(light_scene):
+    light = np.full((96, 128, 3), GREY, np.float32)
+    light[3, 4] = -0.5
+    write_exr(light_scene / "images" / "v01.exr", light)
+    with pytest.raises(InputError, match=r"v01.exr.*negative luminance in 1 pixels"):
+        load_scene(light_scene).views[1].linear()
