@@ -7,45 +7,33 @@ command is known, so that help appears at once.
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Annotated, Any, Union
 
+import tyro
 
-def _stop_at_once(number: int, frame: object) -> None:
-    os.write(2, b"dofbench: interrupted\n")
-    os._exit(128 + number)
-
-
-# The imports below take most of the first half second, in which Ctrl-C would print a traceback.
-_PROGRAM = os.path.basename(sys.argv[0]) in ("dofbench", "__main__.py", "-m")  # noqa: PTH119 - before pathlib
-if _PROGRAM:
-    signal.signal(signal.SIGINT, _stop_at_once)
-
-import io  # noqa: E402
-from collections.abc import Iterator, Sequence  # noqa: E402
-from contextlib import contextmanager, redirect_stderr  # noqa: E402
-from dataclasses import dataclass  # noqa: E402
-from pathlib import Path  # noqa: E402
-from types import FrameType  # noqa: E402
-from typing import Annotated, Any, Union  # noqa: E402
-
-import tyro  # noqa: E402
-
-from dofbench import __version__  # noqa: E402
-from dofbench.commands.methods_options import Methods  # noqa: E402
-from dofbench.compute.threads import configure_threads  # noqa: E402
-from dofbench.core.clock import loading  # noqa: E402
-from dofbench.core.errors import InputError, interruption, one_line, out_of_memory  # noqa: E402
-from dofbench.core.supervised import Repeats, in_child  # noqa: E402
-from dofbench.procedural.scene_options import MakeScene  # noqa: E402
-from dofbench.reporting.report_options import Report  # noqa: E402
-from dofbench.running.ablation_options import Ablate  # noqa: E402
-from dofbench.running.run_options import Runs  # noqa: E402
-from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct  # noqa: E402
-from dofbench.stability.stability_options import Stability  # noqa: E402
-from dofbench.synthesis.dataset_options import MakeDatasets  # noqa: E402
-from dofbench.validation.validation_options import ValidateRenderer  # noqa: E402
+from dofbench import __version__
+from dofbench.commands.methods_options import Methods
+from dofbench.compute.threads import configure_threads
+from dofbench.core.clock import loading
+from dofbench.core.errors import InputError, interruption, one_line, out_of_memory
+from dofbench.core.supervised import Repeats, in_child
+from dofbench.procedural.scene_options import MakeScene
+from dofbench.reporting.report_options import Report
+from dofbench.running.ablation_options import Ablate
+from dofbench.running.run_options import Runs
+from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
+from dofbench.stability.stability_options import Stability
+from dofbench.synthesis.dataset_options import MakeDatasets
+from dofbench.validation.validation_options import ValidateRenderer
 
 DONE, FAILED, WRONG_CALL, NOT_RECOMPUTED = 0, 1, 2, 3
 _INTERRUPTED = "interrupted; the same command goes on from what is finished"
@@ -91,10 +79,6 @@ class Score:
 
     data: Path | None = None
     """The dataset's folder, if it isn't where the results say."""
-
-
-if _PROGRAM:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 class Interrupted(KeyboardInterrupt):
@@ -285,13 +269,12 @@ def _check_utf8(arguments: Sequence[str]) -> None:
 
 
 def console() -> None:
-    """The installed program: `main`, for runs in a child process, then an end without the interpreter's clean-up.
+    """What `dofbench.entry` runs: `main`, for runs in a child process, then an end without the interpreter's clean-up.
 
     When the interpreter exits, OpenImageIO's binding prints a page about objects that colour-science still holds, which
     means nothing to a user. Skipping the clean-up loses nothing: every file is closed or renamed by then.
     """
     if sys.argv[1:2] in (["run"], ["ablate"]):
-        signal.signal(signal.SIGINT, _stop_at_once)
         in_child(FAILED)
     signal.signal(signal.SIGINT, _interrupt)
     status = main()

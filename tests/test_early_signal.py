@@ -13,7 +13,6 @@ from dofbench.running.execution import classify
 
 PROGRAM = """
 import os, signal, sys
-sys.argv[0] = "/usr/bin/dofbench"
 
 class Interrupting:
     def find_spec(self, name, path=None, target=None):
@@ -21,7 +20,8 @@ class Interrupting:
             os.kill(os.getpid(), signal.SIGINT)
 
 sys.meta_path.insert(0, Interrupting())
-from dofbench.cli import console
+from dofbench.entry import run
+run()
 """
 
 
