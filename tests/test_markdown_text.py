@@ -96,6 +96,7 @@ def test_code_is_shown_as_it_is(text: str) -> None:
 
 @given(TEXTS, TEXTS)
 @example("<script>alert(1)</script>![x](http://evil/pixel.png)", "[")
+@example("x", "< >")
 def test_a_page_has_no_elements_but_its_own(text: str, other: str) -> None:
     def page(text: str, other: str) -> list[str]:
         table = Table(

@@ -13,7 +13,7 @@ _BLOCK = re.compile(r"^(?=(?:#{1,6}|[-+]+|=+)(?:\s|$)|>)")
 _NUMBERED = re.compile(r"^(\d{1,9})(?=[.)](?:\s|$))")
 # A backslash that would escape something; what marks code, emphasis, struck text and cells; an underscore beside a
 # word, not within one; a tag; an entity; what ends a link's text, which another text on the page may have begun.
-_INLINE = re.compile(r"\\(?=[!-/:-@\[-`{-~]|$)|[`*~|]|(?<!\w)_|_(?!\w)|<(?=[A-Za-z/!?]|$)|&(?=#?\w+;)|\](?=[(\[:])")
+_INLINE = re.compile(r"\\(?=[!-/:-@\[-`{-~]|$)|[`*~|]|(?<!\w)_|_(?!\w)|<(?=[A-Za-z/!?]|$)|^<|&(?=#?\w+;)|\](?=[(\[:])")
 _ENTITIES = {"<": "&lt;", "&": "&amp;"}
 # A bracket can begin a link, a definition or a footnote only where one of these is in the line.
 _LINKS = ("](", "][", "]:", "[^")
