@@ -7,8 +7,7 @@ other code or on another GPU are made anew:
 
 - machine: the GPU, its driver, and the bandwidth of its memory, measured by copying.
 - agreement: every op's value and gradient beside the CPU backend's.
-- ops: the time of every op, forward and with its gradient, beside the model's (reports/gpu/model.md) and its floor,
-  which is reading and writing its tensors once at the bandwidth that was measured; and gsplat's rasteriser on the same
+- ops: the time of every op, forward and with its gradient, beside its floor, which is reading and writing its tensors once at the bandwidth that was measured; and gsplat's rasteriser on the same
   Gaussians, where it can be imported.
 - cost: the rasteriser and the scatter over numbers of Gaussians, pixels and radii.
 - step: what a training step on each dataset is made of: its kernels, their launches, and what the host does meanwhile.
@@ -33,13 +32,10 @@ from typing import Any
 
 import torch
 import tyro
-from gpu_call_sizes import model_calls
 from gpu_calls import CALLS, Call, Size, gradients
 from gpu_page import COLUMNS, floors, numbers, page
-from gpu_peaks import GPUS, H200
 from gpu_peer import both, gsplat
 from gpu_step import is_kernel, profiler, step_parts
-from gpu_times import REPORT, predicted
 from rich.console import Console
 from torch import Tensor
 
@@ -183,26 +179,11 @@ def ops(settings: Settings) -> dict[str, Any]:
     found = {}
     for name, make in CALLS.items():
         found[name] = _timed(make(settings.size), settings.repeats)
-        found[name] |= modelled(name, settings.size, torch.cuda.get_device_name(DEVICE))
     try:
         found["gsplat"] = _timed(gsplat(settings.size), settings.repeats)
     except ImportError as error:
         found["gsplat"] = {"left_out": str(error)}
     return found
-
-
-def modelled(op: str, size: Size, gpu: str) -> dict[str, float]:
-    """What the model says of an op, ms; nothing where its sizes weren't counted, or of another GPU than its own. gpu:
-    what torch calls it."""
-    model = next((one for one in (H200, *GPUS) if one.name.partition("-")[0].rpartition(" ")[2] in gpu), None)
-    calls = model_calls(op, size, REPORT)
-    if model is None or not calls:
-        return {}
-    times = {"forward": False, "both": True} if calls[0].backward else {"forward": False}
-    return {
-        f"{name}_model_ms": 1e3 * sum(predicted(call.op, call.sizes, model, backward=both) for call in calls)
-        for name, both in times.items()
-    }
 
 
 def _timed(call: Call, repeats: int) -> dict[str, float]:

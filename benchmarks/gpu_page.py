@@ -68,11 +68,11 @@ def page(found: dict[str, Any]) -> str:
         lines += [
             "## Ops",
             "",
-            "The time of a call that waits for its end; how long the GPU works on it; the floor, which is reading and "
-            "writing the op's tensors once; and the model's.",
+            "The time of a call that waits for its end; how long the GPU works on it; and the floor, which is reading "
+            "and writing the op's tensors once.",
             "",
         ]
-        each = ("works [ms]", "floor [ms]", "model [ms]")
+        each = ("works [ms]", "floor [ms]")
         head = ("op", "forward [ms]", *each, "with its gradient [ms]", *each)
         lines += [*markdown_table(head, [_times(op, one, least.get(op, {})) for op, one in _ops(parts["ops"])], 1), ""]
     if "cost" in parts:
@@ -123,10 +123,10 @@ def _step(one: dict[str, Any]) -> list[str]:
 
 def _times(op: str, one: dict[str, Any], floor: dict[str, float]) -> tuple[str, ...]:
     if "left_out" in one:
-        return op, one["left_out"], *[""] * 7
+        return op, one["left_out"], *[""] * 5
     cells = []
     for what in ("forward", "both"):
-        cells += [one.get(f"{what}_ms"), one.get(f"{what}_busy_ms"), floor.get(what), one.get(f"{what}_model_ms")]
+        cells += [one.get(f"{what}_ms"), one.get(f"{what}_busy_ms"), floor.get(what)]
     return op, *map(_number, cells)
 
 

@@ -113,27 +113,6 @@ def test_a_part_that_fails_is_named_and_the_others_go_on(
     assert read_json(tmp_path / "gpu.json")["parts"] == {}
 
 
-def test_the_model_is_asked_for_the_gpu_that_is_there(script: ModuleType) -> None:
-    size = script.Size()
-    names = "NVIDIA H100 80GB HBM3", "NVIDIA H200", "NVIDIA A100-SXM4-80GB", "NVIDIA GeForce RTX 4090"
-    found = {name: script.modelled("rasterize", size, name) for name in names}
-    assert script.modelled("rasterize", size, "Tesla T4") == {}
-    forward = {name: one["forward_model_ms"] for name, one in found.items()}
-    assert len(set(forward.values())) == 4
-    assert all(one["both_model_ms"] > 2 * forward[name] for name, one in found.items())
-    assert forward["NVIDIA H200"] < forward["NVIDIA H100 80GB HBM3"] < forward["NVIDIA A100-SXM4-80GB"]
-
-
-def test_the_model_is_asked_for_every_op(script: ModuleType) -> None:
-    found = {op: script.modelled(op, script.Size(), "NVIDIA H100 80GB HBM3") for op in script.CALLS}
-    assert all(one["forward_model_ms"] > 0 for one in found.values())
-    without = [op for op, one in found.items() if "both_model_ms" not in one]
-    assert without == ["stereo"] == [op for op, make in script.CALLS.items() if not make(toy_size(script)).learns]
-    # Sizes that weren't counted aren't guessed.
-    other = {op: script.modelled(op, toy_size(script), "NVIDIA H100 80GB HBM3") for op in script.CALLS}
-    assert [op for op, one in other.items() if not one] == ["scatter", "rasterize", "rasterize_from_points", "field"]
-
-
 def test_without_a_gpu_it_says_so(script: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     if torch.cuda.is_available():
         pytest.skip("this machine has a GPU")
