@@ -40,13 +40,6 @@ def test_the_readme_names_every_script() -> None:
     }
 
 
-@pytest.mark.parametrize(("script", "options"), CALLS)
-def test_options_in_the_readme_are_the_scripts(beside: None, script: str, options: str) -> None:
-    takes_option = importlib.import_module("figure_sources").takes_option
-    for option in re.findall(r"--([a-z-]+)", options):
-        assert takes_option(FOLDER / f"{script}.py", option), f"{script}.py has no --{option}"
-
-
 def test_leaving_out_compares_the_plan_with_all_stages(beside: None, tmp_path: Path) -> None:
     leaving_out = importlib.import_module("leaving_out")
     data = write_dataset(tmp_path / "data")
