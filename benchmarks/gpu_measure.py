@@ -7,8 +7,8 @@ other code or on another GPU are made anew:
 
 - machine: the GPU, its driver, and the bandwidth of its memory, measured by copying.
 - agreement: every op's value and gradient beside the CPU backend's.
-- ops: the time of every op, forward and with its gradient, beside its floor, which is reading and writing its tensors once at the bandwidth that was measured; and gsplat's rasteriser on the same
-  Gaussians, where it can be imported.
+- ops: the time of every op, forward and with its gradient, beside its floor, which is reading and writing its tensors
+  once at the bandwidth that was measured; and gsplat's rasteriser on the same Gaussians, where it can be imported.
 - cost: the rasteriser and the scatter over numbers of Gaussians, pixels and radii.
 - step: what a training step on each dataset is made of: its kernels, their launches, and what the host does meanwhile.
 - training: DoF-Gaussian on each dataset for 5 000 and for 30 000 steps: scores, time, pictures a second, memory.
