@@ -1,0 +1,169 @@
+"""Make the pages of reports/ from their templates and CSVs (README.md here says how to write a template).
+
+    python benchmarks/make_pages.py                 # all pages
+    python benchmarks/make_pages.py lens gpu        # those of two topics
+    python benchmarks/make_pages.py --check         # compare instead of writing; status 1 and a diff where one differs
+
+A topic is a folder benchmarks/TOPIC with jinja2 templates: page.md.j2 becomes reports/TOPIC/README.md, any other
+NAME.md.j2 becomes reports/TOPIC/NAME.md. A missing file, row, column or name ends the command with one line, status 2.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import difflib
+import re
+import statistics
+import sys
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, TemplateError
+
+ROOT = Path(__file__).resolve().parents[1]
+SHOWN_NUMBER = re.compile(r"([-+]?\d[\d. ]*(e[-+]\d+)?)?%?")
+NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)(e[-+]\d+)?")
+Cell = float | str
+Row = Mapping[str, Cell]
+
+
+class PageError(Exception):
+    """A template asks for a file, row or column that isn't there."""
+
+
+@cache
+def read_rows(file: Path) -> tuple[Row, ...]:
+    """All rows of a CSV, numbers as such. Raises PageError where there is no such file."""
+    if not file.is_file():
+        raise PageError(f"{file.name}: no such file in {file.parent}")
+
+    def cell(text: str) -> Cell:
+        return (float(text) if set(text) & set(".e") else int(text)) if NUMBER.fullmatch(text) else text
+
+    with file.open(encoding="utf-8", newline="") as stream:
+        return tuple({name: cell(text) for name, text in row.items()} for row in csv.DictReader(stream))
+
+
+def select(folder: Path, file: str, /, **conditions: Any) -> list[Row]:
+    """The rows whose cells equal the conditions, or are among them for a list. Raises PageError where none is left."""
+    found = list(read_rows(folder / file))
+    for name, wanted in conditions.items():
+        among = wanted if isinstance(wanted, list | tuple) else [wanted]
+        found = [row for row in found if row[name] in among]
+    if not found:
+        raise PageError(f"{file}: no row with {conditions}")
+    return found
+
+
+def only_cell(folder: Path, file: str, column: str, /, **conditions: Any) -> Cell:
+    """The cell of the one row that fulfils the conditions. Raises PageError where there is none or there are more."""
+    found = select(folder, file, **conditions)
+    if len(found) > 1:
+        raise PageError(f"{file}: {len(found)} rows with {conditions}, one is needed")
+    return found[0][column]
+
+
+def of_column(summary: Callable[[list[float]], float], rows: Sequence[Row], column: str) -> float:
+    """A summary of a column's cells; empty ones don't count."""
+    cells = [row[column] for row in rows if row[column] != ""]
+    if not cells or any(isinstance(cell, str) for cell in cells):
+        raise PageError(f"column {column!r}: numbers are needed, found {cells[:3]}")
+    return summary([float(cell) for cell in cells])
+
+
+def fixed(value: Cell, digits: int = 2, sign: str = "") -> str:
+    """A number with so many digits after the point; zero has no sign. Raises PageError for text."""
+    if isinstance(value, str):
+        raise PageError(f"a number is needed, found {value!r}")
+    text = f"{value:{sign}.{digits}f}"
+    return text if float(text) else text.lstrip("+-")
+
+
+def markdown_table(headings: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
+    """A table whose columns of numbers are aligned right."""
+    right = [all(SHOWN_NUMBER.fullmatch(row[k]) for row in cells) for k in range(len(headings))]
+    lines = [headings, ["---:" if number else "---" for number in right], *cells]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+def table(rows: Sequence[Row], columns: Mapping[str, str], digits: Mapping[str, int] | None = None) -> str:
+    """A Markdown table of some columns, name to heading; digits: after the point, by column."""
+    places = digits or {}
+
+    def shown(name: str, cell: Cell) -> str:
+        return fixed(cell, places[name]) if name in places and cell != "" else str(cell)
+
+    return markdown_table(list(columns.values()), [[shown(name, row[name]) for name in columns] for row in rows])
+
+
+def grid(rows: Sequence[Row], down: str, across: str, column: str, digits: int) -> str:
+    """A Markdown table of one column by two others, in the order of the rows; a pair without a row is empty."""
+    found = {(row[down], row[across]): fixed(row[column], digits) if row[column] != "" else "" for row in rows}
+    if len(found) < len(rows):
+        raise PageError(f"{column}: several rows of one {down} and {across}")
+    names, heads = dict.fromkeys(key for key, _ in found), dict.fromkeys(key for _, key in found)
+    cells = [[str(name), *(found.get((name, head), "") for head in heads)] for name in names]
+    return markdown_table([down, *map(str, heads)], cells)
+
+
+def render(template: Path, root: Path) -> str:
+    """The page of a template. Raises PageError with the template's line."""
+    loader, folder = FileSystemLoader(template.parent), root / "reports" / template.parent.name
+    environment = Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True)
+    environment.globals |= {"rows": partial(select, folder), "value": partial(only_cell, folder)}
+    environment.globals |= {"table": table, "grid": grid}
+    for summary in (statistics.mean, statistics.median, statistics.stdev):
+        environment.globals[summary.__name__] = partial(of_column, summary)
+    environment.filters |= {
+        "fixed": fixed,
+        "signed": partial(fixed, sign="+"),
+        "digits": lambda value, count=3: f"{value:.{count}g}",
+        "percent": lambda value, digits=0: f"{fixed(100 * value, digits)} %",
+        "thousands": lambda value: f"{value:,.0f}".replace(",", " "),
+    }
+    try:
+        return environment.get_template(template.name).render()
+    except (PageError, TemplateError, KeyError, TypeError, ValueError) as error:
+        lines = [at.lineno for at in traceback.extract_tb(error.__traceback__) if at.filename.endswith(".j2")]
+        problem = f"no column {error}" if isinstance(error, KeyError) else error
+        where = f"{template.relative_to(root)}:{lines[-1] if lines else getattr(error, 'lineno', 1)}"
+        raise PageError(f"{where}: {problem}") from error
+
+
+def main(words: Sequence[str] | None = None, root: Path = ROOT) -> int:
+    """Make or compare pages; the exit status."""
+    parser = argparse.ArgumentParser(description="Make the pages of reports/ from their templates and CSVs.")
+    parser.add_argument("topics", nargs="*", metavar="TOPIC", help="folders of benchmarks/ (default: all)")
+    parser.add_argument("--check", action="store_true", help="compare with the pages that are there; write nothing")
+    options = parser.parse_args(words)
+    templates = sorted((root / "benchmarks").glob("*/*.md.j2"))
+    known, differs = {template.parent.name for template in templates}, False
+    try:
+        if unknown := sorted(set(options.topics) - known):
+            raise PageError(f"no topic {', '.join(unknown)}; the topics are {', '.join(sorted(known))}")
+        for template in templates:
+            topic, name = template.parent.name, template.name.removesuffix(".j2")
+            if options.topics and topic not in options.topics:
+                continue
+            page = root / "reports" / topic / ("README.md" if name == "page.md" else name)
+            there, made = page.read_text(encoding="utf-8") if page.is_file() else "", render(template, root)
+            if made == there:
+                continue
+            differs = True
+            if options.check:
+                files = f"{page.relative_to(root)}", f"{template.relative_to(root)}"
+                sys.stdout.writelines(difflib.unified_diff(there.splitlines(True), made.splitlines(True), *files))
+            else:
+                page.write_text(made, encoding="utf-8")
+    except PageError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return int(differs and options.check)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
