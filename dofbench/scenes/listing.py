@@ -168,6 +168,7 @@ def _built_in() -> list[Listed]:
         for dataset in named_datasets().values()
         if dataset.built_in
         for scene in scenes_of(dataset, None)
+        if not scene.missing
     ]
 
 

@@ -113,6 +113,8 @@ def _known(
     found = [base / place for place in places if (base / place).is_dir()] if base is not None else []
     here = [folder for folder in found if _as_rendered(folder, original)]
     put = what_to_put(source, places, data_root, original.made_by)
+    if source.built_in:
+        put = f"`{original.made_by or source.made_by}`, which makes it"
     if found and not here:
         put = f"{found[0]} holds a scene of another recipe or seed; {put}"
     whole = scene.name == dataset.id

@@ -37,6 +37,8 @@ def resolve(text: str, data_root: Path | None) -> tuple[ResolvedScene, ...]:
             raise _unknown(text, library)
     if all(scene.missing for scene in scenes):
         found = "no data root" if data_root is None else f"none of it in {data_root}"
+        if dataset.built_in:
+            found = "not part of this installation"
         whole = not scenes or (text == dataset.id and dataset.folders)
         raise InputError(text, found, what_to_put(dataset, dataset.folders, data_root) if whole else scenes[0].missing)
     return scenes

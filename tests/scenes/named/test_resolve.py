@@ -13,7 +13,7 @@ import pytest
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
 from dofbench.scenes.export import write_poses_bounds
-from dofbench.scenes.named import find_data_root, named_datasets, resolve
+from dofbench.scenes.named import find_data_root, named_datasets, places, resolve
 
 Write = Callable[..., None]
 
@@ -78,6 +78,12 @@ def test_the_built_in_scene_needs_no_data_root() -> None:
     (scene,) = resolve("tabletop", None)
     assert (scene.root, scene.label, scene.name) == (content_folder("datasets") / "tabletop", "tabletop", "tabletop")
     assert len(scene.load().views) == scene.views == 20
+
+
+def test_a_built_in_scene_that_a_wheel_lacks_names_the_command_that_makes_it(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(places, "content_folder", lambda name: tmp_path)
+    with pytest.raises(InputError, match=r"not part of this installation.*make-scene night .*--out thinlens/night"):
+        resolve("thinlens/night", None)
 
 
 def test_one_scene_of_a_dataset(shelf: Path) -> None:
