@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dofbench.core.contracts import Observer, PointCloud
+from dofbench.core.contracts import PointCloud
 
 VIEWS = 6
 
@@ -39,15 +36,3 @@ def test_points_seen_by_some_views(tracks: list[list[int]], kept: list[int]) -> 
 def test_without_tracks_all_points_stay() -> None:
     points = cloud(None, 3)
     assert points.seen_by([1]) is points
-
-
-def test_the_benches_observer_is_one() -> None:
-    """Benches aren't run by the tests: one that lacks a method of the protocol would be noticed much later."""
-    place = Path(__file__).resolve().parents[1] / "benchmarks" / "unobserved.py"
-    spec = importlib.util.spec_from_file_location("unobserved", place)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    wanted = {name for name in vars(Observer) if not name.startswith("_")}
-    assert wanted == {"seconds", "after_step", "stage"} and wanted <= set(vars(module.Unobserved))
-    observer = module.Unobserved()
-    assert observer.seconds() >= 0 and observer.after_step(1, 0.5) and observer.stage("prior", 0, 2) is None

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from benchmark_scripts import script
 
-main = script("make_pages").main
+from benchmarks.make_pages import main
 
 CSV = """method,scene,seed,psnr,note
 3dgs,fern,0,26.701,a|b

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import sys
-from importlib import import_module
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,10 +17,9 @@ from small_dataset import write_dataset
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
 from torch import Tensor
 
+from benchmarks.gpu import measure
 from dofbench.core.cameras import Camera
 from dofbench.core.files import read_json
-
-BESIDE = Path(__file__).resolve().parents[2] / "benchmarks"
 
 
 @pytest.fixture
@@ -39,36 +37,28 @@ def device(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(torch.cuda, name, value)
 
 
-@pytest.fixture
-def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(BESIDE))
-    return import_module("gpu_measure")
-
-
-def toy(script: ModuleType, folder: Path) -> Any:
+def toy(folder: Path) -> Any:
     """A picture of a few pixels, and a dataset of which one training takes two steps; another one isn't there."""
-    return script.Settings(
+    return measure.Settings(
         out=folder, data=(folder / "waves", folder / "absent"), steps=(2,), preset="smoke", warm=1, profiled=1,
-        repeats=1, size=toy_size(script),
+        repeats=1, size=toy_size(),
         counts=(4,), widths=(16,), radii=(1.0,),
     )  # fmt: skip
 
 
-def toy_size(script: ModuleType) -> Any:
-    return script.Size(16, 12, 8, 2.0, nodes=4, rays=2, samples=3, planes=16)
+def toy_size() -> Any:
+    return measure.Size(16, 12, 8, 2.0, nodes=4, rays=2, samples=3, planes=16)
 
 
 @pytest.mark.slow
-def test_every_part_runs_and_is_kept(
-    script: ModuleType, device: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_part_runs_and_is_kept(device: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in {"WIDTH": 16, "HEIGHT": 12, "FOCAL": 50.0}.items():
         monkeypatch.setattr(small_dataset, name, value)
     write_dataset(tmp_path / "waves", train=2, test=1)
     with pretended(monkeypatch):
-        assert script.main(toy(script, tmp_path)) == 0
+        assert measure.main(toy(tmp_path)) == 0
         kept = (tmp_path / "gpu.json").read_bytes()
-        assert script.main(toy(script, tmp_path)) == 0
+        assert measure.main(toy(tmp_path)) == 0
     assert (tmp_path / "gpu.json").read_bytes() == kept  # nothing was measured again
     found, page = read_json(tmp_path / "gpu.json")["parts"], (tmp_path / "measured.md").read_text()
     assert list(found) == [
@@ -89,7 +79,6 @@ def test_every_part_runs_and_is_kept(
 
 
 def test_a_part_that_fails_is_named_and_the_others_go_on(
-    script: ModuleType,
     device: None,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -99,29 +88,29 @@ def test_a_part_that_fails_is_named_and_the_others_go_on(
         raise ValueError("no such clock")
 
     clock = {"memory_gb": 80.0, "copy_gb_per_s": 1.0, "nvidia_smi": "nothing"}
-    monkeypatch.setattr(script, "agreement", fails)
-    made = [("machine", lambda: clock), ("agreement", lambda: script.agreement(None))]
-    monkeypatch.setattr(script, "parts", lambda settings: made)
-    assert script.main(toy(script, tmp_path)) == 1
+    monkeypatch.setattr("agreement", fails)
+    made = [("machine", lambda: clock), ("agreement", lambda: measure.agreement(None))]
+    monkeypatch.setattr("parts", lambda settings: made)
+    assert measure.main(toy(tmp_path)) == 1
     assert "failed: agreement: ValueError: no such clock" in capsys.readouterr().err
     assert "**agreement failed**: ValueError: no such clock" in (tmp_path / "measured.md").read_text()
-    monkeypatch.setattr(script, "agreement", lambda settings: {})
-    assert script.main(toy(script, tmp_path)) == 0
-    monkeypatch.setattr(script, "code_version", lambda *given: "other code")
-    monkeypatch.setattr(script, "parts", lambda settings: iter(()))
-    script.main(toy(script, tmp_path))
+    monkeypatch.setattr("agreement", lambda settings: {})
+    assert measure.main(toy(tmp_path)) == 0
+    monkeypatch.setattr("code_version", lambda *given: "other code")
+    monkeypatch.setattr("parts", lambda settings: iter(()))
+    measure.main(toy(tmp_path))
     assert read_json(tmp_path / "gpu.json")["parts"] == {}
 
 
-def test_without_a_gpu_it_says_so(script: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_gpu_it_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     if torch.cuda.is_available():
         pytest.skip("this machine has a GPU")
-    assert script.main(toy(script, tmp_path)) == 2
+    assert measure.main(toy(tmp_path)) == 2
     assert capsys.readouterr().err.startswith("no GPU that torch can use")
 
 
 def test_a_peer_draws_the_same_picture_from_what_it_is_given(
-    script: ModuleType, device: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    device: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """gsplat isn't installed here: the definition of this project's rasteriser, called as gsplat is, stands for it."""
 
@@ -140,10 +129,10 @@ def test_a_peer_draws_the_same_picture_from_what_it_is_given(
         return torch.cat([seen.color, seen.depth[..., None]], 2)[None], seen.alpha[None, ..., None], {}
 
     monkeypatch.setitem(sys.modules, "gsplat", SimpleNamespace(rasterization=rasterization))
-    monkeypatch.setattr(script, "CALLS", {})
-    settings = toy(script, tmp_path)
+    monkeypatch.setattr("CALLS", {})
+    settings = toy(tmp_path)
     with pretended(monkeypatch):
-        apart, took = script.agreement(settings)["gsplat"], script.ops(settings)["gsplat"]
+        apart, took = measure.agreement(settings)["gsplat"], measure.ops(settings)["gsplat"]
     assert apart["repeats"] == 1
     assert apart["value"] < FLOAT32_VALUE and apart["gradient"] < FLOAT32_GRADIENT
     assert min(took[name] for name in ("forward_ms", "forward_bytes", "both_ms", "both_bytes")) > 0

@@ -13,7 +13,6 @@ import pytest
 from dofbench.kernels import backends, ops
 
 ROOT = Path(__file__).resolve().parents[2]
-SCRIPT = ROOT / "benchmarks" / "gpu_kernels.py"
 
 
 @pytest.mark.slow
@@ -21,7 +20,10 @@ def test_all_kernels_compile_for_three_architectures(tmp_path: Path) -> None:
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     environment = {**os.environ, "PYTHONPATH": path, "TRITON_INTERPRET": "0"}  # compiled, as on a GPU
     made = subprocess.run(
-        [sys.executable, str(SCRIPT), "--out", str(tmp_path)], capture_output=True, text=True, env=environment
+        [sys.executable, "-m", "benchmarks.gpu.kernels", "--out", str(tmp_path)],
+        capture_output=True,
+        text=True,
+        env=environment,
     )
     assert made.returncode == 0, made.stderr  # names what spills, or is below half occupancy without a reason
     rows = list(csv.DictReader((tmp_path / "kernels.csv").open(encoding="utf-8")))

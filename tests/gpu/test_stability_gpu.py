@@ -7,21 +7,15 @@ import os
 import subprocess
 import sys
 import time
-from importlib import import_module
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import pytest
 
+from benchmarks.gpu import stability
+
 ROOT = Path(__file__).resolve().parents[2]
-SCRIPT = ROOT / "benchmarks" / "gpu_stability.py"
 SECONDS = 40.0  # what the quickest cases may take together
-
-
-@pytest.fixture
-def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(SCRIPT.parent))
-    return import_module("gpu_stability")
 
 
 @pytest.mark.slow
@@ -33,7 +27,7 @@ def test_the_quickest_cases_still_meet_their_bounds(tmp_path: Path) -> None:
     for seconds, case in met:
         total += seconds
         chosen += [case] if total < SECONDS else []
-    words = [sys.executable, str(SCRIPT), "--out", str(tmp_path), "--case", *chosen]
+    words = [sys.executable, "-m", "benchmarks.gpu.stability", "--out", str(tmp_path), "--case", *chosen]
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     made = subprocess.run(words, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path})
     assert made.returncode == 0, made.stderr
@@ -44,7 +38,7 @@ def test_the_quickest_cases_still_meet_their_bounds(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("error", "outcome"), [(1.0, "met"), (3.0, "not met"), (float("nan"), "not met"), (None, "failed"), (-1.0, "slow")]
 )
-def test_a_row_says_how_its_case_ended(script: ModuleType, error: float | None, outcome: str) -> None:
+def test_a_row_says_how_its_case_ended(error: float | None, outcome: str) -> None:
     def measure(setting: object) -> SimpleNamespace:
         if error is None:
             raise ValueError("no such\nkernel")
@@ -54,13 +48,13 @@ def test_a_row_says_how_its_case_ended(script: ModuleType, error: float | None, 
 
     case = SimpleNamespace(id="group/name", subject="tone", measure=measure)
     setting = SimpleNamespace(label="gpu-cuda", precision="float32")
-    row = script.measured(case, setting, 0.2 if outcome == "slow" else 20)
+    row = stability.measured(case, setting, 0.2 if outcome == "slow" else 20)
     assert row["outcome"].startswith("too slow" if outcome == "slow" else outcome)
     assert (row["case"], row["kernel"]) == ("group/name", "tone")
     assert row.get("note", "") == {"failed": "ValueError: no such kernel", "slow": ""}.get(outcome, "a note")
 
 
-def test_the_page_counts_what_the_rows_say(script: ModuleType) -> None:
+def test_the_page_counts_what_the_rows_say() -> None:
     rows = [
         {"case": "a/b", "kernel": "tone", "error": "1", "bound": "2", "outcome": "met", "note": ""},
         {"case": "a/c", "kernel": "tone", "error": "5", "bound": "4", "outcome": "known limit", "note": "why"},
@@ -74,7 +68,7 @@ def test_the_page_counts_what_the_rows_say(script: ModuleType) -> None:
             "note": "",
         },
     ]
-    page = script.page(rows)
+    page = stability.page(rows)
     assert "2 met, 1 known limit, 1 too slow for the interpreter, of 4 cases" in page
     assert "| tone | 3 | 2 | 0.50 |" in page and "| mix | 1 | 0 |  |" in page
     assert "| a/c | known limit | 5 | 4 | why |" in page and "a/b" not in page

@@ -4,7 +4,7 @@ Points and cells are chosen so that together they blur as a disc of radius R doe
 the disc's, 2 J1(k R) / (k R), in the mean square over photographs, whose amplitudes fall as 1 / k (Field, 1987), up to
 the finest frequency that pixels hold. The best scale of such a pattern is that of the disc, so an aperture learned
 through it isn't biased. A pattern that only has the disc's variance is biased: a single Gaussian of variance R^2 / 4
-fits a wide disc best at a radius 12 % too large, because a disc's rim is steep. `python benchmarks/lens_pattern.py`
+fits a wide disc best at a radius 12 % too large, because a disc's rim is steep. `python -m benchmarks.lens.pattern`
 computes the constants again.
 """
 

@@ -1,24 +1,16 @@
-"""The tables of benchmarks/is_there_a_lens.py: which cases are measured, and how mistakes are counted."""
+"""The tables of benchmarks/lens/check.py: which cases are measured, and how mistakes are counted."""
 
-import importlib
 from itertools import count
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from small_scene import options, training_set
 
+from benchmarks.lens import cases as lens_cases
+from benchmarks.lens import check, tables
 from dofbench.core.errors import InputError
 from dofbench.core.lens import PhysicalLens
-
-
-@pytest.fixture(scope="module")
-def bench():
-    """The script and its two modules, which lie beside it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(Path(__file__).resolve().parents[2] / "benchmarks"))
-        yield {name: importlib.import_module(name) for name in ("is_there_a_lens", "lens_cases", "lens_tables")}
 
 
 def _row(**changes):
@@ -42,9 +34,9 @@ def _row(**changes):
     }
 
 
-def test_a_measured_case_is_not_measured_again_and_each_is_kept_at_once(bench, tmp_path):
-    script, file = bench["is_there_a_lens"], tmp_path / "rows.csv"
-    some = bench["lens_cases"].cases()[:3]
+def test_a_measured_case_is_not_measured_again_and_each_is_kept_at_once(tmp_path):
+    file = tmp_path / "rows.csv"
+    some = lens_cases.cases()[:3]
     wanted = [({"case": case.name}, case) for case in some]
     measured = []
 
@@ -57,30 +49,30 @@ def test_a_measured_case_is_not_measured_again_and_each_is_kept_at_once(bench, t
         return {"kind": case.kind, "status": "ok"}
 
     with pytest.raises(KeyboardInterrupt):
-        script.fill(file, script.COLUMNS, wanted, measure, lambda: False)
-    rows = script.read(file)
+        check.fill(file, check.COLUMNS, wanted, measure, lambda: False)
+    rows = check.read(file)
     assert [row["case"] for row in rows] == measured[:2] and "no points" in rows[1]["status"]
-    script.fill(file, script.COLUMNS, wanted, measure, lambda: False)
-    assert measured[3:] == [some[2].name] and len(script.read(file)) == 3
+    check.fill(file, check.COLUMNS, wanted, measure, lambda: False)
+    assert measured[3:] == [some[2].name] and len(check.read(file)) == 3
 
 
-def test_no_case_begins_when_it_is_late(bench, tmp_path):
-    script, ticks = bench["is_there_a_lens"], count()
-    wanted = [({"case": case.name}, case) for case in bench["lens_cases"].cases()[:3]]
-    script.fill(tmp_path / "rows.csv", script.COLUMNS, wanted, lambda *_: {}, lambda: next(ticks) >= 2)
-    assert len(script.read(tmp_path / "rows.csv")) == 2
+def test_no_case_begins_when_it_is_late(tmp_path):
+    ticks = count()
+    wanted = [({"case": case.name}, case) for case in lens_cases.cases()[:3]]
+    check.fill(tmp_path / "rows.csv", check.COLUMNS, wanted, lambda *_: {}, lambda: next(ticks) >= 2)
+    assert len(check.read(tmp_path / "rows.csv")) == 2
 
 
-def test_cases_are_named_apart_and_kinds_take_turns(bench):
-    cases = bench["lens_cases"].cases()
+def test_cases_are_named_apart_and_kinds_take_turns():
+    cases = lens_cases.cases()
     kinds = {case.kind for case in cases}
     assert len(cases) >= 80 and len({case.name for case in cases}) == len(cases)
     assert {case.kind for case in cases[: len(kinds)]} == kinds
     assert {case.lens for case in cases} == {"yes", "no", "faint", None}
 
 
-def test_subsets(bench):
-    chosen = bench["lens_cases"].chosen_views
+def test_subsets():
+    chosen = lens_cases.chosen_views
     f_numbers = [5.0, None, 14.0] * 8
     assert chosen("all", f_numbers) == list(range(24)) and chosen("half", f_numbers) == list(range(0, 24, 2))
     assert chosen("few", f_numbers) == [9, 10, 11, 12, 13, 14]
@@ -99,8 +91,8 @@ def test_subsets(bench):
         ({"lens": "faint", "tried": "no"}, "", "", ""),
     ],
 )
-def test_what_counts_as_a_mistake(bench, changes, points, trial, both):
-    wrong = bench["lens_tables"].wrong
+def test_what_counts_as_a_mistake(changes, points, trial, both):
+    wrong = tables.wrong
     assert [wrong(_row(**changes), rule) for rule in ("points", "trial", "both")] == [points, trial, both]
 
 
@@ -118,11 +110,11 @@ def test_what_counts_as_a_mistake(bench, changes, points, trial, both):
         ("view", "", ""),
     ],
 )
-def test_what_counts_as_shared_wrongly(bench, truth, shared, error):
-    assert bench["lens_tables"].wrongly_shared(_row(share=truth, shared=shared)) == error
+def test_what_counts_as_shared_wrongly(truth, shared, error):
+    assert tables.wrongly_shared(_row(share=truth, shared=shared)) == error
 
 
-def test_the_table_counts_mistakes_and_names_what_failed(bench, tmp_path):
+def test_the_table_counts_mistakes_and_names_what_failed(tmp_path):
     rows = [
         _row(),
         _row(case="lost", tried="no"),
@@ -131,7 +123,7 @@ def test_the_table_counts_mistakes_and_names_what_failed(bench, tmp_path):
         _row(case="broken", tried="", status="dataset: found no points"),
     ]
     rows.append(_row(case="longer", steps="1000", tried="no"))
-    bench["lens_tables"].write_table(tmp_path / "table.md", rows, [])
+    tables.write_table(tmp_path / "table.md", rows, [])
     text = (tmp_path / "table.md").read_text()
     assert "500 steps: 5 cases, of which 4 came to a decision" in text and "- broken: dataset: found no points" in text
     assert "1000 steps: 1 cases" in text
@@ -140,23 +132,22 @@ def test_the_table_counts_mistakes_and_names_what_failed(bench, tmp_path):
     assert "| tied | view | aperture | 0.50 | – | – | shared |" in text
 
 
-def test_training_ends_with_the_decision_whose_figures_are_kept(bench, monkeypatch, tmp_path):
-    script = bench["is_there_a_lens"]
+def test_training_ends_with_the_decision_whose_figures_are_kept(monkeypatch, tmp_path):
     seen = SimpleNamespace(physical_lens=PhysicalLens(10.0, 0.5, 48), has_depth=True)
     dataset = SimpleNamespace(training_views=lambda: [seen] * 3, depth=lambda view: np.array([[0.0, 4.0, 4.0, 2.0]]))
-    monkeypatch.setattr(script, "load", lambda case, work: (dataset, training_set(), [0, 1, 2]))
-    monkeypatch.setattr(script, "options", lambda settings, **changes: options(**changes, adaptation="off"))
+    monkeypatch.setattr(check, "load", lambda case, work: (dataset, training_set(), [0, 1, 2]))
+    monkeypatch.setattr(check, "options", lambda settings, **changes: options(**changes, adaptation="off"))
     ended = []
     monkeypatch.setattr(
-        script.Clock,
+        check.Clock,
         "after_step",
-        lambda self, step, loss, real=script.Clock.after_step: (
+        lambda self, step, loss, real=check.Clock.after_step: (
             ended.append((step, real(self, step, loss))) or ended[-1][1]
         ),
     )
-    case = bench["lens_cases"].Case("real lens", "anything", share="view")
-    row = script.decided(case, script.Settings(work=tmp_path, out=tmp_path, steps=90))
-    assert set(row) <= set(script.COLUMNS) and row["tried"] in ("yes", "no") and row["status"] == "ok"
+    case = lens_cases.Case("real lens", "anything", share="view")
+    row = check.decided(case, check.Settings(work=tmp_path, out=tmp_path, steps=90))
+    assert set(row) <= set(check.COLUMNS) and row["tried"] in ("yes", "no") and row["status"] == "ok"
     assert row["circle"] >= 0 and row["views"] == 3
     assert row["true_circle"] == pytest.approx(10 * (4 / 48) * (1 / 2 - 1 / 4)) and row["lens"] == "faint"
     assert not ended[-1][1] and all(more for _, more in ended[:-1]) and ended[-1][0] < 90

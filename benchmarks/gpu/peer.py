@@ -1,18 +1,19 @@
-"""gsplat's rasteriser with this project's settings, for `gpu_measure.py`: a peer of the same task, where installed."""
+"""gsplat's rasteriser with this project's settings, for `measure.py`: a peer of the same task, where installed."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import torch
-from gpu_calls import Call, Size, gaussians, rasterize
 from torch import Tensor
+
+from benchmarks.gpu.calls import Call, Size, gaussians, rasterize
 
 NEAR, FILTER = 0.2, 0.1  # this project's near plane, scene units, and 2D filter, px**2
 
 
 def gsplat(size: Size) -> Call:
-    """Colour, opacity and expected depth of the picture that `gpu_calls.rasterize` draws.
+    """Colour, opacity and expected depth of the picture that `calls.rasterize` draws.
 
     Raises ImportError where gsplat isn't installed, or its CUDA part isn't there.
     """

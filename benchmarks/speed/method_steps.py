@@ -1,6 +1,6 @@
 """What a training step of each method takes, and what its own parts must take: method-steps.csv.
 
-    python benchmarks/method_steps.py DATASET --out reports/notes
+    python -m benchmarks.speed.method_steps DATASET --out reports/speed
 
 Every method trains with its default preset on the dataset's photographs; fields with as many rays a step as is said
 here. OMP_NUM_THREADS says how many cores a training may use. `step_ms` is the mean of the last tenth of the steps but

@@ -4,7 +4,7 @@ learned apertures against EXIF. Writes across-apertures.csv and across-apertures
     dofbench make-dataset SCENES/shallow_blowtorch --photographs shallow --layout colmap --width 530 \\
         --train-f-number 6.3 --test-f-number 14 --out data/across
     dofbench run --method dofgaussian,mipsplatting --data data/across --budget 1500it --seeds 3 --out results
-    python benchmarks/across_apertures.py --results results --out reports/photographs
+    python -m benchmarks.photographs.across_apertures --results results --out reports/photographs
 """
 
 from __future__ import annotations
@@ -78,8 +78,8 @@ def markdown(boards: dict[Key, dict[str, list[Entry]]]) -> str:
     lines = [
         "# One aperture predicted from another, and apertures against EXIF",
         "",
-        "Written by `benchmarks/across_apertures.py`, whose head has the commands. Mean ± standard deviation "
-        "over seeds.",
+        "Written by `benchmarks/photographs/across_apertures.py`, whose head has the commands. Mean ± standard "
+        "deviation over seeds.",
         "",
     ]
     rows, aims = [], ["", "| aim | of | reached |", "| :--- | :--- | :--- |"]

@@ -1,8 +1,8 @@
 """How often the decision whether there is a lens, and whether photographs share it, is wrong.
 
-    python benchmarks/is_there_a_lens.py --work DIR --scenes SCENES --out reports/lens [--seconds 3600]
+    python -m benchmarks.lens.check --work DIR --scenes SCENES --out reports/lens [--seconds 3600]
 
-Makes the datasets of `lens_cases.py` in DIR, small ones, and trains on each case until preset cpu's trials
+Makes the datasets of `cases.py` in DIR, small ones, and trains on each case until preset cpu's trials
 (`dofbench/gaussians/trials.py`) have decided: one row of is-there-a-lens.csv per case and length of training, written
 as soon as it is known; a case with a row isn't measured again. With --cost, cases are trained to the end with a lens
 for each photograph, without a lens, and with a shared lens, to measure the cost of a wrong decision:
@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 import tyro
-from lens_cases import FAINT, Case, cases, load, make_datasets
-from lens_tables import write_table
 
+from benchmarks.lens.cases import FAINT, Case, cases, load, make_datasets
+from benchmarks.lens.tables import write_table
 from dofbench.compute.threads import configure_threads
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import Decision

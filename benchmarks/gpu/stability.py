@@ -1,6 +1,6 @@
 """The stiff and extreme cases of `dofbench stability` in the GPU's kernels, by Triton's interpreter.
 
-    python benchmarks/gpu_stability.py --out reports/gpu
+    python -m benchmarks.gpu.stability --out reports/gpu
 
 Every case of kernels alone, on the device that tests/pretended_device.py pretends. The interpreter is slow, so a case
 is given up after `--seconds`, which its row says. Rows go into stability.csv one by one, and the same command goes on
@@ -36,7 +36,7 @@ from dofbench.core.files import write_text  # noqa: E402
 from dofbench.reporting.csv_writer import write_csv  # noqa: E402
 from dofbench.reporting.markdown_writer import markdown_table  # noqa: E402
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 from pretended_device import pretended  # noqa: E402
 
 GROUPS = ("gradients", "images", "gaussians", "light", "lens", "fields", "invariants")

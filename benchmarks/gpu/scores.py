@@ -3,7 +3,7 @@
     dofbench run --method METHODS --preset cpu --budget 1000it --device cuda --data data/fern252 --out results/gpu
     dofbench run --method METHODS --preset cpu --budget 1000it --device cpu --seeds 3 --data data/fern252 \\
         --out results/cpu
-    python benchmarks/gpu_scores.py --gpu results/gpu --cpu results/cpu --out reports/gpu
+    python -m benchmarks.gpu.scores --gpu results/gpu --cpu results/cpu --out reports/gpu
 
 A row for every method and score: what the GPU's training reached, the CPU's with the same seed, and the least and the
 most of all of the CPU's seeds. Rounding differs between the two, and a training amplifies it, so they needn't agree

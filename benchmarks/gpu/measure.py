@@ -1,6 +1,6 @@
 """What a GPU makes of it, in one go: gpu.json, measured.csv and measured.md.
 
-    python benchmarks/gpu_measure.py --out reports/gpu --data data/fern data/foliage-1008
+    python -m benchmarks.gpu.measure --out reports/gpu --data data/fern data/foliage-1008
 
 Parts, each kept in gpu.json when it is done, so that the same command goes on where it stopped; those that were made by
 other code or on another GPU are made anew:
@@ -32,13 +32,13 @@ from typing import Any
 
 import torch
 import tyro
-from gpu_calls import CALLS, Call, Size, gradients
-from gpu_page import COLUMNS, floors, numbers, page
-from gpu_peer import both, gsplat
-from gpu_step import is_kernel, profiler, step_parts
 from rich.console import Console
 from torch import Tensor
 
+from benchmarks.gpu.calls import CALLS, Call, Size, gradients
+from benchmarks.gpu.page import COLUMNS, floors, numbers, page
+from benchmarks.gpu.peer import both, gsplat
+from benchmarks.gpu.step import is_kernel, profiler, step_parts
 from dofbench.core.budget import Budget
 from dofbench.core.files import read_json, write_json, write_text
 from dofbench.core.lens import PhysicalLens

@@ -1,7 +1,7 @@
 """The linear scatter at the size of a photograph: time, memory, energy, and cost against radius and pixels.
 
-    python benchmarks/full_size.py --out reports/scatter [--width 4032] [--height 3024] [--radius 120] [--repeats 3]
-    python benchmarks/full_size.py --out reports/scatter --only energy
+    python -m benchmarks.speed.scatter --out reports/speed [--width 4032] [--height 3024] [--radius 120] [--repeats 3]
+    python -m benchmarks.speed.scatter --out reports/speed --only energy
 
 Parts, in processes of their own: `photograph` (an 8-bit image and its depth through the dataset builder's own
 function: decode, scatter, encode; peak memory of the process), `layered` (the same by the layered renderer; slow),

@@ -1,4 +1,4 @@
-"""The cases of `is_there_a_lens.py`: small datasets, and which of their photographs are used.
+"""The cases of `check.py`: small datasets, and which of their photographs are used.
 
 A case is a dataset, some of its training photographs, shallow or sharp, and the truth: whether there is a lens, and
 whether the photographs share it. Cases of one kind are in random order, and kinds alternate, so that the first part of

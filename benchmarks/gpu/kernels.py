@@ -1,11 +1,11 @@
 """What GPU kernels need of a GPU, compiled for GPUs that aren't here: kernels.csv and README.md in reports/gpu.
 
-    python benchmarks/gpu_kernels.py --out reports/gpu
+    python -m benchmarks.gpu.kernels --out reports/gpu
 
-Every launch of a Triton kernel that training makes (`gpu_launches.py`) is compiled for each architecture. From the
+Every launch of a Triton kernel that training makes (`launches.py`) is compiled for each architecture. From the
 machine code come the registers of a thread, spilled bytes and the shared memory of a program, and from these the
 occupancy: which share of the threads that a multiprocessor can hold at once it holds of this kernel. A kernel that
-spills, or has less than half occupancy, needs a reason in gpu_kernels.toml beside this file; without one the command
+spills, or has less than half occupancy, needs a reason in kernels.toml beside this file; without one the command
 ends with status 1. No GPU and no driver are needed: Triton brings the assembler.
 """
 
@@ -92,17 +92,17 @@ def main(settings: Settings) -> None:
     settings.out.mkdir(parents=True, exist_ok=True)
     names = tuple(field.name for field in fields(Row))
     write_csv(settings.out / "kernels.csv", names, [{name: getattr(row, name) for name in names} for row in rows])
-    reasons = tomllib.loads((HERE / "gpu_kernels.toml").read_text(encoding="utf-8"))
+    reasons = tomllib.loads((HERE / "kernels.toml").read_text(encoding="utf-8"))
     write_text(settings.out / "README.md", page(rows, reasons))
     if lacking := unexplained(rows, reasons):
-        raise SystemExit("without a reason in gpu_kernels.toml: " + ", ".join(lacking))
+        raise SystemExit("without a reason in kernels.toml: " + ", ".join(lacking))
 
 
 def launches() -> list[dict[str, Any]]:
     """The launches of training, from a process in which kernels are interpreted."""
     environment = os.environ | {"TRITON_INTERPRET": "1"}
-    command = [sys.executable, str(HERE / "gpu_launches.py")]
-    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    command = [sys.executable, "-m", "benchmarks.gpu.launches"]
+    done = subprocess.run(command, cwd=HERE.parents[1], env=environment, stdout=subprocess.PIPE, text=True, check=True)
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 

@@ -1,9 +1,9 @@
 """The launches of Triton kernels that training makes, by small calls of every GPU backend through the interpreter.
 
-    TRITON_INTERPRET=1 python benchmarks/gpu_launches.py
+    TRITON_INTERPRET=1 python -m benchmarks.gpu.launches
 
 Prints one line of JSON for each launch: where the kernel is, the types of its arguments, its constants, its warps.
-What is compiled depends on types and constants alone, not on sizes, so pictures are tiny. `gpu_kernels.py` compiles
+What is compiled depends on types and constants alone, not on sizes, so pictures are tiny. `kernels.py` compiles
 them.
 """
 

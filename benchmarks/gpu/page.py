@@ -1,4 +1,4 @@
-"""The page of what `gpu_measure.py` measured, measured.md, and its numbers as a table, measured.csv."""
+"""The page of what `measure.py` measured, measured.md, and its numbers as a table, measured.csv."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def page(found: dict[str, Any]) -> str:
     lines = [
         "# What a GPU measured",
         "",
-        f"On {found['gpu']}, commit {commit}, by `python benchmarks/gpu_measure.py`.",
+        f"On {found['gpu']}, commit {commit}, by `python -m benchmarks.gpu.measure`.",
         "",
     ]
     for name, problem in found.get("failed", {}).items():

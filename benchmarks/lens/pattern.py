@@ -1,6 +1,6 @@
 """The constants of `dofbench/gaussians/forward/lens_pattern.py`, computed again.
 
-    python benchmarks/lens_pattern.py
+    python -m benchmarks.lens.pattern
 
 For patterns of one and of five lens points, the ring's radius and the cell's variance whose transfer function is
 nearest to a disc's, at several radii of the disc; and the scale at which a single cell that has the disc's variance is

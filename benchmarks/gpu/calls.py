@@ -1,4 +1,4 @@
-"""One call of each op as training makes it, for `gpu_measure.py`: its tensors, and what is called with them."""
+"""One call of each op as training makes it, for `measure.py`: its tensors, and what is called with them."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
-from random_scene import scene
 from torch import Tensor
 
 from dofbench.compute.factored_grid import GridShape
@@ -49,11 +49,29 @@ class Call:
         return tuple(value.detach().to(device).requires_grad_(self.learns) for value in self.inputs)
 
 
+def random_scene(n: int, width: int, height: int, pixels: float, seed: int = 0) -> tuple[list[torch.Tensor], Camera]:
+    """Random Gaussians, `pixels` wide on average, spread over the image and a little beyond."""
+    generator = torch.Generator().manual_seed(seed)
+    focal = 1.1 * width
+    u, v = (torch.rand(n, generator=generator) * 1.1 - 0.55 for _ in range(2))
+    z = 2 + 6 * torch.rand(n, generator=generator)
+    scales = torch.log(pixels * z / focal)[:, None] + 0.5 * torch.randn(n, 3, generator=generator)
+    parameters = [
+        torch.stack([u * width / focal * z, v * height / focal * z, z], 1),
+        scales,
+        torch.randn(n, 4, generator=generator),
+        torch.randn(n, generator=generator) * 1.5 - 0.5,
+        torch.randn(n, 3, generator=generator) * 0.5,
+        torch.randn(n, 15, 3, generator=generator) * 0.1,
+    ]
+    return parameters, Camera(width, height, focal, focal, width / 2, height / 2, np.eye(4))
+
+
 def gaussians(size: Size) -> tuple[list[Tensor], Camera]:
     """Random Gaussians over a picture and a little beyond, each as wide as what it covers: three of them to a pixel's
     area on average, as in trained scenes."""
     pixels = 1.7 * (size.width * size.height / size.gaussians) ** 0.5
-    return scene(size.gaussians, size.width, size.height, pixels)
+    return random_scene(size.gaussians, size.width, size.height, pixels)
 
 
 def _pictures(size: Size, count: int = 1) -> list[Tensor]:

@@ -1,4 +1,4 @@
-"""Error rates from the rows of `is_there_a_lens.py`, by kind of case, as Markdown."""
+"""Error rates from the rows of `check.py`, by kind of case, as Markdown."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def rate(count: int, of: int) -> str:
 
 def write_table(path: Path, rows: Sequence[Row], costs: Sequence[Row]) -> None:
     """Error rates, mistakes one by one, and what they cost."""
-    lines = ["By `benchmarks/is_there_a_lens.py`. Shares with their 95 % interval."]
+    lines = ["By `python -m benchmarks.lens.check`. Shares with their 95 % interval."]
     for steps in sorted({row["steps"] for row in rows}, key=int):
         lines += ["", *_of_length(steps, [row for row in rows if row["steps"] == steps])]
     if costs:
