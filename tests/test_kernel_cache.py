@@ -73,6 +73,15 @@ def test_a_damaged_cache_is_compiled_again(whole: tuple[Path, Path], tmp_path: P
         assert _ran(folder, copy) == "42 0 True"
 
 
+def test_a_change_of_a_module_next_to_it_compiles_it_again(whole: tuple[Path, Path], tmp_path: Path) -> None:
+    folder, cache = tmp_path / "program", tmp_path / "cache"
+    shutil.copytree(whole[0], folder)
+    (folder / "constants.py").write_text("FACTOR = 2\n")
+    assert _ran(folder, cache).startswith("42 1") and _ran(folder, cache).startswith("42 0")
+    (folder / "constants.py").write_text("FACTOR = 3\n")
+    assert _ran(folder, cache).startswith("42 1")
+
+
 @pytest.mark.parametrize("place", ["/dev/null/cache"])
 def test_without_a_writable_cache_it_is_compiled_in_memory(whole: tuple[Path, Path], place: str) -> None:
     assert _ran(whole[0], Path(place)).startswith("42")

@@ -5,14 +5,14 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Protocol
 
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
-from dofbench.core.import_closure import closure_digest, own_sources
-from dofbench.core.source_graph import Sources
+from dofbench.core.source_digest import PACKAGE, source_digest
 
 _compiled = 0
 
@@ -92,22 +92,19 @@ def cached(dispatcher: Dispatcher) -> Dispatcher:
     """Keep an `njit` function's machine code on disk; a decorator to put above `njit`.
 
     Numba's own `cache=True` looks at the function's file only, and goes on using old code after a change in a module
-    that the function calls into or takes constants from. Here a function is recompiled when anything changes that its
-    source reaches. Without a writable cache folder it is compiled in every process.
+    that the function calls into or takes constants from. Here a function is recompiled when any source changes in its
+    own folder or in the packages `compute` and `core`. Without a writable cache folder it is compiled in every process.
     """
     with suppress(RuntimeError, OSError):  # raised by numba when it finds no writable folder
-        dispatcher._cache = _SourceCache(dispatcher.py_func, _sources_of(dispatcher.py_func))
+        dispatcher._cache = _SourceCache(
+            dispatcher.py_func, _code(Path(dispatcher.py_func.__code__.co_filename).parent)
+        )
     return dispatcher
 
 
-def _sources_of(function: Callable[..., object]) -> str:
-    """A digest of all code that the function's source reaches; for a function outside this project, the modules in its
-    own folder count too."""
-    if own_sources().file(function.__module__):
-        return closure_digest([function])
-    file = Path(function.__code__.co_filename)
-    beside = Sources({"": file.parent}, beside=own_sources())
-    return closure_digest([f"{file.stem}:{function.__qualname__.partition('.')[0]}"], beside)
+@cache
+def _code(folder: Path) -> str:
+    return source_digest([folder, PACKAGE / "compute", PACKAGE / "core"], deep=False)
 
 
 def compiled() -> int:

@@ -11,33 +11,35 @@ import subprocess
 import tomllib
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import dofbench
 from dofbench.compute.devices import describe
-from dofbench.core.files import canonical_json
-from dofbench.core.import_closure import closure_digest, own_sources
-from dofbench.core.source_graph import Sources
+from dofbench.core.content import method_folders
+from dofbench.core.files import canonical_json, sha256_text
+from dofbench.core.source_digest import package_digest, source_digest
 
 _PACKAGE = Path(dofbench.__file__).resolve().parent
-_METHOD = "method"  # the name under which a method's own folder is read
-# The code that turns a dataset and options into a model and scores. The code that chooses the options isn't included,
-# because the options themselves are part of a run's key.
-_MAKES_SCORES = ("dofbench.running.execution:Execution", "dofbench.scoring.evaluate:Evaluator")
 # Entries of a method's card that affect scores directly; presets and stages only choose options
 _STEERS = ("class", "capabilities")
 
 
 def code_version(method_folder: Path, device: str) -> str:
-    """`<package version>+<sha256>` over all code that can change a score on the device of this name.
+    """Return `<package version>+<sha256>` over the code that can change a score on this device.
 
-    That is the code that training and scoring reach in dofbench and its kernels (`dofbench.core.import_closure`), all
-    code in the method's own folder, and the class that its card names. Comments, documentation, reports, the text of
-    errors and the location of files aren't included.
+    This is the code of `dofbench.core.source_digest.SCORED`, of all kernels, of the method's folder and of the method
+    that it is `like`, with the class and the capabilities in their cards. Options are part of a run's key instead.
     """
-    sources = Sources({_METHOD: method_folder}, beside=own_sources(device))
-    card = tomllib.loads((method_folder / "method.toml").read_text(encoding="utf-8"))
-    steering = canonical_json({key: card.get(key) for key in _STEERS})
-    return f"{dofbench.__version__}+{closure_digest([*_MAKES_SCORES, f'{_METHOD}.'], sources, [steering.encode()])}"
+    card = _card(method_folder)
+    like = [root / card["like"] for root in method_folders() if "like" in card and (root / card["like"]).is_dir()]
+    folders = [method_folder, *like]
+    steering = [{key: _card(folder).get(key) for key in _STEERS} for folder in folders]
+    parts = [package_digest(device=device), source_digest(folders), canonical_json(steering)]
+    return f"{dofbench.__version__}+{sha256_text(chr(10).join(parts))}"
+
+
+def _card(folder: Path) -> dict[str, Any]:
+    return tomllib.loads((folder / "method.toml").read_text(encoding="utf-8"))
 
 
 def git_state() -> dict[str, str | bool] | None:

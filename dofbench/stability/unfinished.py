@@ -7,11 +7,9 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-from dofbench.core.content import method_folders
-from dofbench.core.import_closure import closure_digest, own_sources
-from dofbench.core.source_graph import Sources
+from dofbench.core.content import content_folder, method_folders
+from dofbench.core.source_digest import PACKAGE, source_digest
 from dofbench.stability.case import Found
-from dofbench.stability.stability_options import GROUPS
 
 FILE = ".unfinished.jsonl"
 
@@ -21,7 +19,7 @@ class Unfinished:
 
     def __init__(self, out: Path):
         self._file = out / FILE
-        self._code = {group: code_of(group) for group in GROUPS}
+        self._code = source_digest([PACKAGE, content_folder("kernels"), *method_folders()], (".py", ".toml"))
 
     def read(self) -> dict[str, Found]:
         """The stored measurements, without those by other code and without a truncated line."""
@@ -33,30 +31,19 @@ class Unfinished:
         for line in lines:
             try:
                 entry = json.loads(line)
-                if entry["code"] == self._code[entry["name"].partition("/")[0]]:
+                if entry["code"] == self._code:
                     found[entry["name"]] = Found(**entry["found"])
             except (ValueError, KeyError, TypeError, AttributeError):
                 continue
         return found
 
     def keep(self, name: str, found: Found) -> None:
-        """Store a measurement under a name that begins with the group's."""
+        """Store a measurement."""
         self._file.parent.mkdir(parents=True, exist_ok=True)
-        entry = {"code": self._code[name.partition("/")[0]], "name": name, "found": asdict(found)}
+        entry = {"code": self._code, "name": name, "found": asdict(found)}
         with self._file.open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(entry) + "\n")
 
     def forget(self) -> None:
         """Remove the file."""
         self._file.unlink(missing_ok=True)
-
-
-def code_of(group: str) -> str:
-    """A digest of all code that can change a group's measurements: the code that its cases reach, and for training the
-    methods."""
-    found = (card.parent for root in method_folders() for card in sorted(root.glob("*/method.toml")))
-    folders = list(found) if group == "training" else []
-    methods = {f"method{index}": folder for index, folder in enumerate(folders)}
-    entries = [f"dofbench.stability.{group}_cases", *(f"{name}." for name in methods)]
-    cards = [(folder / "method.toml").read_bytes() for folder in folders]
-    return closure_digest(entries, Sources(methods, beside=own_sources()), cards)

@@ -18,7 +18,6 @@ import numpy as np
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, sha256_file
 from dofbench.core.images import image_size, read_exr, read_image
-from dofbench.core.import_closure import closure_digest
 from dofbench.optics.tone import encode
 from dofbench.validation.renderer_truth import Case, Truth
 
@@ -51,7 +50,7 @@ def blb_cases(folder: Path) -> list[Case]:
             raise InputError(folder / INFO, f"{key} = {values!r}", "a list of positive numbers")
     sharp = {name: sha256_file(_there(folder / name)) for name in (IMAGE, DEPTH)}
     width, height = image_size(folder / IMAGE)
-    code, cases = closure_digest([_photograph]), []
+    cases = []
     for file in sorted(folder.glob("bokeh_*.exr")):
         match = re.fullmatch(r"bokeh_(\d+)_(\d+)", file.stem)
         if match is None:
@@ -70,7 +69,7 @@ def blb_cases(folder: Path) -> list[Case]:
                 folder.name,
                 blur,
                 distance,
-                [code, sharp, sha256_file(file)],
+                [sharp, sha256_file(file)],
                 width * height / 1e6,
                 partial(_photograph, folder, file, blur, distance),
             )

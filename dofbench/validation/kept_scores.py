@@ -11,8 +11,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from dofbench.core.files import read_json, sha256_text, write_json
-from dofbench.core.import_closure import closure_digest
-from dofbench.validation.renderer_scores import Score, score
+from dofbench.core.source_digest import SCORED, package_digest
+from dofbench.validation.renderer_scores import Score
 from dofbench.validation.renderer_truth import Case
 
 FOLDER = ".scores"
@@ -23,7 +23,7 @@ class Store:
     """The scores in a folder, by photograph and variant."""
 
     def __init__(self, out: Path):
-        self._folder, self._code = out / FOLDER, closure_digest([score, "dofbench.validation.variants:VARIANTS"])
+        self._folder, self._code = out / FOLDER, package_digest((*SCORED, "procedural", "validation"))
         for file in self._folder.glob("*.json"):
             if _NAME.fullmatch(file.name) and not file.name.startswith(self._code[:16]):
                 file.unlink()

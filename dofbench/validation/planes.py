@@ -16,7 +16,6 @@ from functools import cache, partial
 import numpy as np
 
 from dofbench.core.blur import Blur
-from dofbench.core.import_closure import closure_digest
 from dofbench.core.lens import ApertureShape
 from dofbench.optics.tone import decode, encode
 from dofbench.validation.lens_points import lens_points
@@ -86,8 +85,7 @@ def plane_cases(radii: Iterable[float], focuses: Iterable[float]) -> Iterator[Ca
 
 
 def _case(source: str, name: str, scene: Scene, radius: float, focus: float, shape: ApertureShape) -> Case:
-    code = closure_digest([photograph])
-    content = [code, [asdict(plane) for plane in scene], asdict(shape), WIDTH, HEIGHT, OWN_ERROR_DB, POINTS]
+    content = [[asdict(plane) for plane in scene], asdict(shape), WIDTH, HEIGHT, OWN_ERROR_DB, POINTS]
     return Case(
         source,
         name,

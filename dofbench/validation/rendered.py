@@ -12,7 +12,6 @@ import numpy as np
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, sha256_file
 from dofbench.core.images import image_size, read_exr, read_image
-from dofbench.core.import_closure import closure_digest
 from dofbench.core.lens import PhysicalLens
 from dofbench.optics.tone import encode
 from dofbench.validation.renderer_truth import Case, Truth
@@ -39,9 +38,6 @@ def rendered_cases(folder: Path) -> list[Case]:
     images = scene.get("lens_images")
     if not isinstance(images, list):
         raise InputError(folder / SCENE, "no lens_images", "a list of images through a thin lens")
-    # Renderings by the renderer "thinlens" depend on the code that renders scenes, so its digest belongs to the
-    # content.
-    code = closure_digest([_photograph, *[thin_lens] * has_geometry(scene)])
     cases = []
     for index, lens in enumerate(images):
         try:
@@ -62,7 +58,7 @@ def rendered_cases(folder: Path) -> list[Case]:
         width, height = image_size(files["photograph"])
         optics = PhysicalLens(numbers["aperture_scene"], 1 / numbers["focus_scene"], width)
         by_geometry = partial(thin_lens, folder, scene, view, optics) if has_geometry(scene) else None
-        content = [numbers, code, {name: sha256_file(path) for name, path in files.items()}]
+        content = [numbers, {name: sha256_file(path) for name, path in files.items()}]
         cases.append(
             Case(
                 "rendered",

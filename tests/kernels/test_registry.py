@@ -82,7 +82,7 @@ def test_every_backend_declares_itself_and_has_the_op(op: str) -> None:
 
 @pytest.mark.parametrize("op", kernels.ops())
 def test_only_a_gpu_gets_backends_of_that_name(op: str) -> None:
-    """What a result depends on is told by the name (dofbench/core/import_closure.py)."""
+    """What a result depends on is told by the name (dofbench/core/source_digest.py)."""
     for name in kernels.backends(op):
         assert (name == "gpu") == ("cpu" not in kernels.backend_of(op, name).devices)
 

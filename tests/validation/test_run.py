@@ -120,7 +120,7 @@ def test_what_changed_is_scored_again_and_the_rest_kept(rendered, tmp_path, coun
     validate(rendered, out=tmp_path)
     assert {name for _, _, name in counted} == {"copy"}
     counted.clear()
-    monkeypatch.setattr(kept_scores, "closure_digest", lambda entries: "f" * 64)
+    monkeypatch.setattr(kept_scores, "package_digest", lambda packages: "f" * 64)
     validate(rendered, out=tmp_path)
     assert {name for _, _, name in counted} >= {"scatter", "copy"}
     assert all(file.name.startswith("ffff") for file in (tmp_path / FOLDER).iterdir())
