@@ -3,7 +3,7 @@
     python datasets/depthnet/train.py --rooms WORK/rooms --work WORK --minutes 35 --out datasets/depthnet/depthnet.onnx
 
 The learning rate depends on the processor time used so far, so a run that was killed continues from WORK/state.pt
-without a difference. Rooms that are added to the folder in the meantime are used too. Needs the extra `test` (onnx).
+without a difference. Rooms that are added to the folder in the meantime are used too.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def relative_loss(predicted: Tensor, disparity: Tensor) -> Tensor:
 
 def export(net: torch.nn.Module, file: Path) -> None:
     """Write the network as ONNX with weights of half precision, which onnxruntime casts once on loading."""
-    import onnx  # from the extra `test`
+    import onnx
 
     with replacing(file) as temporary:
         torch.onnx.export(

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from dofbench.core.errors import InputError
-from dofbench.depth.onnx_weights import convolutions
 
 CHANNELS = (24, 40, 72, 96, 112)  # at 1/2, 1/4, 1/8, 1/16 and 1/32 of the input's size
 MEAN, STD = (0.45, 0.45, 0.45), (0.25, 0.25, 0.25)
@@ -89,7 +89,7 @@ def load_folded(file: Path) -> DepthNet:
     """
     network = DepthNet(folded=True)
     own = [module for module in network.modules() if isinstance(module, nn.Conv2d)]
-    given = convolutions(file)
+    given = _convolutions(file)
     shapes = [tuple(weight.shape) for weight, _ in given]
     if shapes != [tuple(module.weight.shape) for module in own]:
         raise InputError(file, f"{len(given)} convolutions of other shapes", f"the {len(own)} of the shipped network")
@@ -99,6 +99,31 @@ def load_folded(file: Path) -> DepthNet:
             assert module.bias is not None
             module.bias.copy_(torch.from_numpy(bias))
     return network
+
+
+def _convolutions(file: Path) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Read (weight, bias), float32, of each convolution in the order in which they run.
+
+    Follows casts, which files of half precision have between weight and convolution.
+    """
+    import onnx  # slow to import, and only needed here
+
+    try:
+        graph = onnx.load(file, load_external_data=False).graph
+        tensors = {tensor.name: onnx.numpy_helper.to_array(tensor) for tensor in graph.initializer}
+        found = []
+        for node in graph.node:
+            if node.op_type == "Cast" and node.input[0] in tensors:
+                tensors[node.output[0]] = tensors[node.input[0]]
+            elif node.op_type == "Conv":
+                weight = tensors[node.input[1]].astype(np.float32)
+                bias = tensors[node.input[2]] if len(node.input) > 2 else np.zeros(len(weight))
+                found.append((weight, bias.astype(np.float32)))
+    except OSError as error:
+        raise InputError(file, error.strerror or "no readable file", "an ONNX network") from None
+    except Exception as error:  # protobuf's errors have no common base class, and a damaged file raises others too
+        raise InputError(file, f"no readable weights ({error})", "an ONNX network of convolutions") from None
+    return found
 
 
 def _double(x: Tensor) -> Tensor:
