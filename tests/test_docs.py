@@ -3,7 +3,6 @@ carried out."""
 
 from __future__ import annotations
 
-import importlib
 import os
 import re
 import shutil
@@ -12,7 +11,6 @@ import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -134,8 +132,6 @@ def test_the_readme_is_a_page_with_both_set_ups() -> None:
 
 def test_tables_say_what_there_is() -> None:
     docs = ROOT / "docs"
-    order = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["dofbench"]["packages"]
-    assert table_column(docs / "architecture.md", "package") == order
     assert table_column(docs / "results.md", "id") == list(METRICS)
     for metric_id, metric in METRICS.items():
         row = f"| `{metric_id}` | {metric.label} | {metric.unit}".rstrip()
@@ -153,24 +149,6 @@ def test_tables_say_what_there_is() -> None:
     named = {file.stem for file in (ROOT / "datasets").glob("*.toml")}
     text = (docs / "datasets.md").read_text()
     assert all(f"`{one}`" in text for one in named - {"tabletop"})
-
-
-@pytest.fixture
-def draw_packages(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """The script that draws the packages."""
-    monkeypatch.syspath_prepend(str(ROOT / "docs"))
-    return importlib.import_module("draw_packages")
-
-
-def test_the_picture_of_the_packages_is_up_to_date(draw_packages: ModuleType) -> None:
-    made = draw_packages.svg(draw_packages.packages(ROOT))
-    assert (ROOT / "docs" / "packages.svg").read_text() == made, "python docs/draw_packages.py draws it anew"
-
-
-def test_the_picture_leaves_out_what_a_path_implies(draw_packages: ModuleType) -> None:
-    below = {"low": set(), "middle": {"low"}, "high": {"low", "middle"}}
-    assert draw_packages.reduced(below) == {"low": set(), "middle": {"low"}, "high": {"middle"}}
-    assert draw_packages.levels(below) == [["low"], ["middle"], ["high"]]
 
 
 # ---- pages that are done as they say ----
@@ -283,17 +261,3 @@ def test_every_python_block_of_a_guide_is_tried() -> None:
     pages = [ROOT / "README.md", *GUIDES]
     shown = {name(page) for page in pages for one in blocks(page) if one.language == "python" and not one.mark}
     assert shown == {"docs/methods.md"}
-
-
-def test_an_order_is_found_where_there_is_one(draw_packages: ModuleType) -> None:
-    below = {"cli": {"b", "a"}, "a": {"core"}, "b": {"a"}, "core": set()}
-    assert draw_packages.from_the_ground_up(below) == ["core", "a", "b", "cli"]
-    below["core"] = {"b"}  # a knot: one import must run upward, and no more
-    order = draw_packages.from_the_ground_up(below)
-    assert sum(order.index(there) > order.index(here) for here in below for there in below[here]) == 1
-
-
-def test_boxes_of_a_row_keep_their_distance_and_stay_near_their_places(draw_packages: ModuleType) -> None:
-    assert draw_packages.apart([0.0, 100.0, 300.0], [40.0, 40.0, 40.0]) == [0.0, 100.0, 300.0]
-    assert draw_packages.apart([50.0, 50.0, 300.0], [40.0, 20.0, 40.0]) == [35.0, 65.0, 300.0]
-    assert draw_packages.apart([80.0, 0.0], [40.0, 40.0]) == [20.0, 60.0]
