@@ -1,10 +1,8 @@
-"""The examples run, in order, at toy size; they are short, and use the public list alone."""
+"""The examples run, in order, at toy size."""
 
 from __future__ import annotations
 
-import ast
 import importlib.util
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,9 +11,6 @@ import pytest
 import dofbench
 
 FOLDER = Path(__file__).resolve().parents[1] / "examples"
-FILES = sorted(FOLDER.glob("*.py"))
-LONGEST = 40  # lines
-ALLOWED = sys.stdlib_module_names | {"dofbench", "numpy"}
 
 
 def main_of(file: str) -> Callable[..., None]:
@@ -39,35 +34,6 @@ def results(place: Path) -> Path:
     """Results of the example that trains, after a few steps."""
     main_of("04_train_and_score.py")(place / "data", place / "results", steps=6)
     return place / "results"
-
-
-def test_they_are_numbered_in_order() -> None:
-    assert [file.name[:3] for file in FILES] == [f"{number:02}_" for number in range(1, len(FILES) + 1)]
-    listed = (FOLDER / "README.md").read_text()
-    assert all(f"]({file.name})" in listed for file in FILES)
-
-
-@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
-def test_it_is_short_and_uses_the_public_list_alone(file: Path) -> None:
-    text = file.read_text()
-    assert len(text.splitlines()) < LONGEST
-    tree = ast.parse(text)
-    assert f"python examples/{file.name}" in ast.get_docstring(tree)
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            names = [node.module]
-        else:
-            continue
-        assert "dofbench" in names or not any(name.split(".")[0] == "dofbench" for name in names), "a module below"
-        assert {name.split(".")[0] for name in names} <= ALLOWED
-    used = {
-        node.attr
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "dofbench"
-    }
-    assert used and used <= set(dofbench.__all__)
 
 
 def test_make_dataset(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
