@@ -1,7 +1,7 @@
 """Adam's step on a GPU: float32, one Triton kernel that reads and writes everything once.
 
 torch's fused Adam gives each of its programs 65 536 numbers, which is one program for every 1 100 Gaussians: few of a
-GPU's multiprocessors work, and a step took ten times what its bytes take (reports/notes/gpu.md). And one launch moves
+GPU's multiprocessors work, and a step took ten times what its bytes take (docs/notes/gpu.md). And one launch moves
 all parameters of the Gaussians, since it is the host that a training step waits for.
 """
 

@@ -1,7 +1,7 @@
 """Triton kernel of blending's gradient: one program for each chunk of a tile's list, nearest first once more.
 
 Where a chunk begins, the tile's sums are those that blending has kept. One program for a whole list had the GPU wait
-for the longest list, nine tenths of the time (reports/notes/gpu.md).
+for the longest list, nine tenths of the time (docs/notes/gpu.md).
 
 The pixel's loss to first order is S = sum of weight times s over its Gaussians, plus the background's part, with
 s = colour . g_color + g_alpha' + t g_t + n . g_normal. The mean depth doesn't change when all weights are scaled, so

@@ -24,7 +24,7 @@ _BLOCK = 512
 _SUMS = 1024
 _CHUNKS = 64
 # A tile whose light comes from or goes at least this far, pixels, has the linear form. By instructions of the compiled
-# kernels it is the shorter one, both ways together, from there on (reports/notes/gpu.md), which no GPU has confirmed.
+# kernels it is the shorter one, both ways together, from there on (docs/notes/gpu.md), which no GPU has confirmed.
 _FROM = {"auto": 24.0, "direct": math.inf, "linear": 0.0}
 _LARGEST_RADIUS = torch.finfo(torch.float32).tiny ** -0.5
 
