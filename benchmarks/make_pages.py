@@ -48,12 +48,18 @@ def read_rows(file: Path) -> tuple[Row, ...]:
         return tuple({name: cell(text) for name, text in row.items()} for row in csv.DictReader(stream))
 
 
-def select(folder: Path, file: str, /, **conditions: Any) -> list[Row]:
-    """The rows whose cells equal the conditions, or are among them for a list. Raises PageError where none is left."""
-    found = list(read_rows(folder / file))
+def where(rows: Sequence[Row], **conditions: Any) -> list[Row]:
+    """The rows whose cells equal the conditions, or are among them for a list; none is fine."""
+    found = list(rows)
     for name, wanted in conditions.items():
         among = wanted if isinstance(wanted, list | tuple) else [wanted]
         found = [row for row in found if row[name] in among]
+    return found
+
+
+def select(folder: Path, file: str, /, **conditions: Any) -> list[Row]:
+    """The rows of a file that fulfil the conditions. Raises PageError where none is left."""
+    found = where(read_rows(folder / file), **conditions)
     if not found:
         raise PageError(f"{file}: no row with {conditions}")
     return found
@@ -81,6 +87,24 @@ def fixed(value: Cell, digits: int = 2, sign: str = "") -> str:
         raise PageError(f"a number is needed, found {value!r}")
     text = f"{value:{sign}.{digits}f}"
     return text if float(text) else text.lstrip("+-")
+
+
+def shown(rows: Sequence[Row], column: str, digits: int = 2, spread: bool = False) -> str:
+    """The mean of a column as text, ± its standard deviation if asked for; – where it has no cell."""
+    filled = [row for row in rows if row[column] != ""]
+    if not filled:
+        return "–"
+    mean = fixed(of_column(statistics.mean, filled, column), digits)
+    if not spread or len(filled) < 2:
+        return mean
+    return f"{mean} ± {fixed(of_column(statistics.stdev, filled, column), digits)}"
+
+
+def ranked(rows: Sequence[Row], name: str, column: str) -> list[Cell]:
+    """The different cells of one column, by the mean of another, largest first; without those that have none."""
+    filled = [row for row in rows if row[column] != ""]
+    names = dict.fromkeys(row[name] for row in filled)
+    return sorted(names, key=lambda key: -of_column(statistics.mean, where(filled, **{name: key}), column))
 
 
 def markdown_table(headings: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
@@ -115,11 +139,13 @@ def render(template: Path, root: Path) -> str:
     loader, folder = FileSystemLoader(template.parent), root / "reports" / template.parent.name
     environment = Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True)
     environment.globals |= {"rows": partial(select, folder), "value": partial(only_cell, folder)}
-    environment.globals |= {"table": table, "grid": grid}
+    environment.globals |= {"table": table, "grid": grid, "ranked": ranked}
     for summary in (statistics.mean, statistics.median, statistics.stdev):
         environment.globals[summary.__name__] = partial(of_column, summary)
     environment.filters |= {
         "fixed": fixed,
+        "where": where,
+        "shown": shown,
         "signed": partial(fixed, sign="+"),
         "digits": lambda value, count=3: f"{value:.{count}g}",
         "percent": lambda value, digits=0: f"{fixed(100 * value, digits)} %",
@@ -130,8 +156,8 @@ def render(template: Path, root: Path) -> str:
     except (PageError, TemplateError, KeyError, TypeError, ValueError) as error:
         lines = [at.lineno for at in traceback.extract_tb(error.__traceback__) if at.filename.endswith(".j2")]
         problem = f"no column {error}" if isinstance(error, KeyError) else error
-        where = f"{template.relative_to(root)}:{lines[-1] if lines else getattr(error, 'lineno', 1)}"
-        raise PageError(f"{where}: {problem}") from error
+        place = f"{template.relative_to(root)}:{lines[-1] if lines else getattr(error, 'lineno', 1)}"
+        raise PageError(f"{place}: {problem}") from error
 
 
 def main(words: Sequence[str] | None = None, root: Path = ROOT) -> int:

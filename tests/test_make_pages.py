@@ -39,6 +39,12 @@ def make(tree: Path, template: str, *words: str, name: str = "page") -> int:
         ("{{ value('a.csv', 'psnr', method='nerf', scene='fern')|signed(2) }}", "0.00"),
         ("{{ mean(rows('a.csv', method='3dgs'), 'psnr')|fixed(2) }}", "26.80"),
         ("{{ mean(rows('a.csv', method='nerf'), 'psnr')|digits(1) }}", "-0.001"),  # an empty cell doesn't count
+        ("{{ rows('a.csv')|where(method='3dgs')|shown('psnr', 1, spread=true) }}", "26.8 ± 0.1"),
+        ("{{ rows('a.csv')|where(method='nerf', scene='fox')|shown('psnr') }}", "–"),
+        (
+            "{{ ranked(rows('a.csv'), 'scene', 'psnr')|join }} {{ ranked(rows('a.csv'), 'method', 'psnr')|join }}",
+            "fern 3dgsnerf",
+        ),
         (
             "{{ rows('a.csv', scene=['fern', 'fox'])|length }} {{ 0.5|percent }} {{ 195957|thousands }}",
             "4 50 % 195 957",
