@@ -76,3 +76,8 @@ def test_a_renamed_file_and_a_moved_line_are_changes(tmp_path: Path) -> None:
 
     found = digest(a="x = 1\n", b=""), digest(c="x = 1\n", b=""), digest(a="", b="x = 1\n")
     assert len(set(found)) == 3 and digest(a="x = 1\n", b="") == found[0]
+
+
+def test_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="nothing"):
+        source_digest.source_digest([tmp_path / "nothing"])

@@ -23,9 +23,12 @@ def source_digest(
     """Return the sha256 over names (relative to their folder) and contents of all source files below the folders.
 
     skip: a pattern of file names that don't count. deep: with the files of inner folders.
+    Raises ValueError for a folder that isn't there.
     """
     digest = hashlib.sha256()
     for folder in folders:
+        if not folder.is_dir():
+            raise ValueError(f"sources: found no folder {folder}, expected one of Python files")
         for file in sorted(folder.rglob("*") if deep else folder.glob("*")):
             if file.suffix in suffixes and not (skip and file.match(skip)):
                 content = file.read_bytes()
