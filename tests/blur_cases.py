@@ -8,15 +8,15 @@ import torch
 from made_up import cloud, frontal
 
 from dofbench.core.lens import DisparityRange
-from dofbench.gaussians.exposure import StillRasteriser
-from dofbench.gaussians.forward.circle_copies import CircleCopies, CopiesOptions
-from dofbench.gaussians.forward.enlarged_gaussians import EnlargedGaussians, EnlargingOptions
-from dofbench.gaussians.forward.forward_model import SharpView
-from dofbench.gaussians.forward.masked_blur import MaskedBlur, MaskOptions
-from dofbench.gaussians.forward.proposed_blur import ProposalOptions, ProposedBlur
-from dofbench.gaussians.forward.shot import Shot
-from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.render import AppearanceOptions
+from dofbench.training.gaussians.exposure import StillRasteriser
+from dofbench.training.gaussians.forward.circle_copies import CircleCopies, CopiesOptions
+from dofbench.training.gaussians.forward.enlarged_gaussians import EnlargedGaussians, EnlargingOptions
+from dofbench.training.gaussians.forward.forward_model import SharpView
+from dofbench.training.gaussians.forward.masked_blur import MaskedBlur, MaskOptions
+from dofbench.training.gaussians.forward.proposed_blur import ProposalOptions, ProposedBlur
+from dofbench.training.gaussians.forward.shot import Shot
+from dofbench.training.gaussians.model import Gaussians
+from dofbench.training.gaussians.render import AppearanceOptions
 
 CAMERA = frontal(48, 36, 45.0, (0.0, 0.0, 0.0))
 BARE = AppearanceOptions(filter_2d=0.0, filter_3d=False)

@@ -17,11 +17,11 @@ from dofbench.core.content import content_folder
 from dofbench.core.contracts import Method, TrainingSet, TrainingView
 from dofbench.core.errors import Status
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
-from dofbench.gaussians.gaussian_method import GaussianMethod
-from dofbench.metrics.psnr import psnr
+from dofbench.core.similarity import psnr
+from dofbench.methods.cards import find_method
 from dofbench.optics.defocus import defocus_numpy
-from dofbench.running.method_cards import find_method
 from dofbench.scenes import load_scene
+from dofbench.training.gaussians.gaussian_method import GaussianMethod
 
 WIDTH, HOLD = 96, 8
 FOCI = (0.2, 0.5, 0.8)  # of photographs in turn

@@ -15,8 +15,8 @@ import pytest
 from fake_method import write_method
 
 from dofbench.core.content import content_folder
-from dofbench.synthesis import make_dataset
-from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.datasets.synthesis import make_dataset
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
 
 PATIENCE = 600  # seconds, for a call on a busy machine, with kernels that must be compiled
 

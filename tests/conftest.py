@@ -9,7 +9,7 @@ from pathlib import Path
 import hypothesis
 import pytest
 
-from dofbench.compute.threads import available_cores, configure_threads
+from dofbench.runtime.threads import available_cores, configure_threads
 
 # `pytest -n` starts worker processes, which share the cores. With more threads than cores a test takes many times as
 # long. A worker inherits the thread counts of the process that started it, so they are set whatever they were.

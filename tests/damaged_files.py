@@ -17,7 +17,7 @@ from made_up import cloud, frontal
 from small_dataset import write_dataset
 
 from dofbench.core.errors import InputError
-from dofbench.core.exif import Exif, write_exif
+from dofbench.core.image_files.exif import Exif, write_exif
 from dofbench.core.images import write_exr, write_png
 from dofbench.scenes import export, load_scene
 
@@ -264,8 +264,8 @@ def _use_scene(folder: Path, layout: str) -> None:
 
 
 def _use_dataset(folder: Path) -> None:
-    from dofbench.dataset.dataset import Dataset
-    from dofbench.synthesis.verify import check_dataset
+    from dofbench.datasets.format.dataset import Dataset
+    from dofbench.datasets.synthesis.verify import check_dataset
 
     dataset = Dataset.load(folder)
     for view in dataset.views:
@@ -279,10 +279,10 @@ def _make_files(folder: Path) -> None:
     import torch
 
     from dofbench.core.lens import PhysicalLens
-    from dofbench.gaussians.model import PARAMETERS, Gaussians
-    from dofbench.gaussians.splats import write_splats
-    from dofbench.learning.lens_file import write_lenses
-    from dofbench.learning.photograph_colours import write_colours
+    from dofbench.training.common.lens_file import write_lenses
+    from dofbench.training.common.photograph_colours import write_colours
+    from dofbench.training.gaussians.model import PARAMETERS, Gaussians
+    from dofbench.training.gaussians.splats import write_splats
 
     folder.mkdir(parents=True)
     depth = np.linspace(1.0, 5.0, WIDTH * HEIGHT, dtype=np.float32).reshape(HEIGHT, WIDTH)
@@ -304,12 +304,12 @@ def _make_files(folder: Path) -> None:
 
 
 def _use_files(folder: Path) -> None:
-    from dofbench.gaussians.model import Gaussians
-    from dofbench.gaussians.splats import read_splats
-    from dofbench.learning.lens_file import read_lenses
-    from dofbench.learning.photograph_colours import read_colours
     from dofbench.scenes.depth_files import read_depth
     from dofbench.scenes.ply import read_ply
+    from dofbench.training.common.lens_file import read_lenses
+    from dofbench.training.common.photograph_colours import read_colours
+    from dofbench.training.gaussians.model import Gaussians
+    from dofbench.training.gaussians.splats import read_splats
 
     reads: list[Callable[[], object]] = [lambda file=folder / f"a.{end}": read_depth(file, 1.0) for end in _DEPTHS]
     reads += [lambda: read_ply(folder / "ascii.ply"), lambda: read_ply(folder / "binary.ply")]

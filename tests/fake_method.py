@@ -12,8 +12,8 @@ from rich.console import Console
 from small_dataset import write_dataset
 
 from dofbench.core.budget import parse_budget
-from dofbench.metrics import METRICS
-from dofbench.results.run_spec import Run
+from dofbench.evaluation.metrics import METRICS
+from dofbench.evaluation.results.run_spec import Run
 from dofbench.running.one_run import RunEnd, run
 
 METHOD_TOML = """\
@@ -147,7 +147,7 @@ BEHAVIOUR_CODE = '''\
 import math
 import time
 
-from dofbench.compute import kernel_cache
+from dofbench.runtime import kernel_cache
 from dofbench.core.errors import InputError
 
 

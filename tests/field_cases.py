@@ -10,8 +10,8 @@ import torch
 from tolerances import AT_A_THRESHOLD, FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_VALUE, FLOAT64_VALUE
 from torch import Tensor
 
-from dofbench.compute.factored_grid import MODES, GridShape, RaySamples
-from dofbench.kernels import load
+from dofbench.runtime.factored_grid import MODES, GridShape, RaySamples
+from dofbench.runtime.ops import load
 
 SMALL = GridShape((3, 4, 5), 8, 8, 4)
 NAMES = ("density", "colour", "basis", "origins", "directions", "views")

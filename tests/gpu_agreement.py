@@ -9,7 +9,7 @@ import torch
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
 from torch import Tensor
 
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
 
 
 def called(function: Callable[..., Tensor], inputs: dict[str, Tensor], upstream: Tensor | None, **options: Any):

@@ -18,9 +18,9 @@ import torch
 from random_gaussians import render, scene, view
 from torch import Tensor
 
-from dofbench.compute.devices import kinds_here
-from dofbench.compute.factored_grid import GridShape
-from dofbench.kernels import backend_of, backends, load, ops
+from dofbench.runtime.devices import kinds_here
+from dofbench.runtime.factored_grid import GridShape
+from dofbench.runtime.ops import backend_of, backends, load, ops
 
 # Large enough for torch to split a sum among threads (from 32 768 numbers on) and for several of each kernel's blocks.
 HEIGHT, WIDTH = 130, 310

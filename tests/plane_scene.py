@@ -10,8 +10,8 @@ from made_up import frontal
 from torch import Tensor
 
 from dofbench.core.cameras import Camera
-from dofbench.fields.pixels import CameraTable
-from dofbench.fields.rays_seen import RaysSeen
+from dofbench.training.fields.pixels import CameraTable
+from dofbench.training.fields.rays_seen import RaysSeen
 
 WIDTH, HEIGHT, FOCAL = 40, 30, 50.0
 

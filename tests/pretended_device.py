@@ -26,7 +26,7 @@ from torch.utils._mode_utils import no_dispatch
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves, tree_map_only
 
-from dofbench.compute import devices, gpu_launch
+from dofbench.runtime import devices, gpu_launch
 
 _META, _CUDA = torch.device("meta"), torch.device("cuda", 0)
 _A_TEST = "a test"  # what waits there isn't the project's

@@ -6,9 +6,9 @@ import numpy as np
 import torch
 from tolerances import FLOAT32_DISTORTION, FLOAT32_GRADIENT, FLOAT32_VALUE
 
-from dofbench.compute.raster import ViewStatistics
 from dofbench.core.cameras import Camera
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
+from dofbench.runtime.raster import ViewStatistics
 
 cpu, reference = load("rasterize", "cpu"), load("rasterize", "reference")
 NAMES = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")

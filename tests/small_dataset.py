@@ -15,9 +15,9 @@ from dofbench.core.evidence import Role
 from dofbench.core.files import sha256_file, sha256_text, write_json
 from dofbench.core.images import from_8bit, to_8bit, write_exr, write_png
 from dofbench.core.lens import DisparityRange, Lens, SceneRenderer
-from dofbench.dataset import layout
-from dofbench.dataset.points_record import PointsRecord
-from dofbench.dataset.schema import (
+from dofbench.datasets.format import layout
+from dofbench.datasets.format.points_record import PointsRecord
+from dofbench.datasets.format.schema import (
     ALL_KNOWN,
     LENS_FILE,
     MANIFEST,

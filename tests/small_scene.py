@@ -9,7 +9,7 @@ from made_up import cloud, frontal
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingSet, TrainingView
-from dofbench.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.gaussians.gaussian_options import GaussianOptions
 
 WIDTH, HEIGHT = 48, 36
 

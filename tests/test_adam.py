@@ -9,7 +9,7 @@ import torch
 from tolerances import FLOAT32_VALUE, FLOAT64_VALUE
 from torch import Tensor
 
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
 
 RATE, EPSILON = 0.03, 1e-9
 

@@ -11,7 +11,7 @@ from called import imported_by
 from dofbench.core.blur import Blur
 from dofbench.core.errors import InputError
 from dofbench.core.lens import ApertureShape
-from dofbench.dataset.schema import LensFile
+from dofbench.datasets.format.schema import LensFile
 
 
 @pytest.mark.parametrize(

@@ -18,13 +18,13 @@ from dofbench.core.content import content_folder
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_exr, read_image, to_8bit
 from dofbench.optics.tone import encode
-from dofbench.procedural import ink
-from dofbench.procedural.camera_paths import cameras
-from dofbench.procedural.recipes import recipe
-from dofbench.procedural.tracer import Tracer
-from dofbench.procedural.variant import choose_variant
 from dofbench.scenes import load_scene
 from dofbench.scenes.named import named_datasets
+from dofbench.scenes.procedural import ink
+from dofbench.scenes.procedural.camera_paths import cameras
+from dofbench.scenes.procedural.recipes import recipe
+from dofbench.scenes.procedural.tracer import Tracer
+from dofbench.scenes.procedural.variant import choose_variant
 from dofbench.scenes.scene import Scene
 
 DATASET = named_datasets()["tabletop"]

@@ -14,7 +14,8 @@ from typing import Any
 import pytest
 from called import called, dofbench, imported_by
 
-from dofbench import __version__, cli
+from dofbench import __version__
+from dofbench.cli import app
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
 
@@ -36,36 +37,36 @@ HEAVY = (
 
 def test_typical_calls_mean_what_they_say() -> None:
     scene = "../shared/data/llff_fern"
-    made = cli.parse(f"make-dataset {scene} --focus 0.2,0.5,0.8 --aperture 0.5,1.0 --out data/fern".split())
-    assert isinstance(made, cli.MakeDatasets)
+    made = app.parse(f"make-dataset {scene} --focus 0.2,0.5,0.8 --aperture 0.5,1.0 --out data/fern".split())
+    assert isinstance(made, app.MakeDatasets)
     assert (made.scenes, made.out) == ((scene,), Path("data/fern"))
     assert (made.focus, made.aperture) == ((0.2, 0.5, 0.8), (0.5, 1.0))
 
-    run = cli.parse("run --method dofgaussian --data data/fern --out results".split())
-    assert isinstance(run, cli.Runs)
+    run = app.parse("run --method dofgaussian --data data/fern --out results".split())
+    assert isinstance(run, app.Runs)
     (cell,) = run.cells()
     assert (cell.method, cell.data, cell.out) == ("dofgaussian", Path("data/fern"), Path("results"))
-    assert cli.parse(["run", "--method", "dofgaussian"]).data is None
+    assert app.parse(["run", "--method", "dofgaussian"]).data is None
 
-    ablate = cli.parse("ablate --data data/a,data/b --table table4,table5 --seeds 3 --budget 1500it --jobs 2".split())
-    assert isinstance(ablate, cli.Ablate)
+    ablate = app.parse("ablate --data data/a,data/b --table table4,table5 --seeds 3 --budget 1500it --jobs 2".split())
+    assert isinstance(ablate, app.Ablate)
     assert (ablate.folders, ablate.ids) == ((Path("data/a"), Path("data/b")), ("table4", "table5"))
     assert (ablate.seeds, ablate.budget, ablate.jobs) == (3, Budget(steps=1500), 2)
 
-    report = cli.parse("report results --out reports".split())
-    assert isinstance(report, cli.Report)
+    report = app.parse("report results --out reports".split())
+    assert isinstance(report, app.Report)
     assert (report.results, report.out) == (Path("results"), Path("reports"))
-    assert cli.parse(["report"]).results == Path("results")
-    assert cli.parse("report --reach psnr=30,delta_f=0.01".split()).levels == {"psnr": (30.0,), "delta_f": (0.01,)}
+    assert app.parse(["report"]).results == Path("results")
+    assert app.parse("report --reach psnr=30,delta_f=0.01".split()).levels == {"psnr": (30.0,), "delta_f": (0.01,)}
 
-    assert cli.parse(["score", "a", "b", "--metrics", "aif_gmsd"]) == cli.Score((Path("a"), Path("b")), "aif_gmsd")
-    assert cli.parse(["score"]).results == (Path("results"),)
-    assert cli.parse(["check", "data/fern"]) == cli.Check(Path("data/fern"))
-    assert cli.parse(["scenes"]) == cli.Scenes()
-    assert cli.parse(["scenes", "a", "b"]) == cli.Scenes((Path("a"), Path("b")))
-    assert cli.parse(["methods"]) == cli.Methods() and cli.parse(["methods", "a"]) == cli.Methods("a")
-    assert cli.parse(["make-dataset"]).scenes == ()
-    assert cli.parse("make-dataset a b --jobs 2".split()).scenes == ("a", "b")
+    assert app.parse(["score", "a", "b", "--metrics", "aif_gmsd"]) == app.Score((Path("a"), Path("b")), "aif_gmsd")
+    assert app.parse(["score"]).results == (Path("results"),)
+    assert app.parse(["check", "data/fern"]) == app.Check(Path("data/fern"))
+    assert app.parse(["scenes"]) == app.Scenes()
+    assert app.parse(["scenes", "a", "b"]) == app.Scenes((Path("a"), Path("b")))
+    assert app.parse(["methods"]) == app.Methods() and app.parse(["methods", "a"]) == app.Methods("a")
+    assert app.parse(["make-dataset"]).scenes == ()
+    assert app.parse("make-dataset a b --jobs 2".split()).scenes == ("a", "b")
 
 
 @pytest.mark.parametrize(
@@ -83,7 +84,7 @@ def test_typical_calls_mean_what_they_say() -> None:
 )
 def test_a_wrong_call_ends_with_2_and_says_so(arguments: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
-        cli.main(arguments.split())
+        app.main(arguments.split())
     printed = capsys.readouterr()
     assert end.value.code == 2
     assert printed.err.strip() and not printed.out
@@ -126,7 +127,7 @@ def test_a_wrong_input_is_one_line_with_what_was_expected(
     arguments: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert cli.main(arguments.split()) == 2
+    assert app.main(arguments.split()) == 2
     printed = capsys.readouterr()
     assert re.fullmatch(r"dofbench: .+: found .+, expected .+\n", printed.err)
     assert not printed.out
@@ -134,7 +135,7 @@ def test_a_wrong_input_is_one_line_with_what_was_expected(
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["--version"]) == 0
+    assert app.main(["--version"]) == 0
     assert capsys.readouterr().out == f"dofbench {__version__}\n"
 
 
@@ -144,7 +145,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 )
 def test_help_names_every_option_with_a_sentence(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
-        cli.main([command, "--help"])
+        app.main([command, "--help"])
     printed = capsys.readouterr().out
     assert end.value.code == 0
     # An option without a docstring has nothing but its default to say.
@@ -163,8 +164,8 @@ def ending(monkeypatch: pytest.MonkeyPatch, outcome: Any) -> int:
             raise outcome
         return outcome
 
-    monkeypatch.setattr(cli, "execute", execute)
-    return cli.main(["scenes"])
+    monkeypatch.setattr(app, "execute", execute)
+    return app.main(["scenes"])
 
 
 @pytest.mark.parametrize(
@@ -210,8 +211,8 @@ def test_sigterm_unwinds_the_command(monkeypatch: pytest.MonkeyPatch, capsys: py
             cleaned.append(True)
 
     before = signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr(cli, "execute", execute)
-    assert cli.main(["scenes"]) == 128 + signal.SIGTERM
+    monkeypatch.setattr(app, "execute", execute)
+    assert app.main(["scenes"]) == 128 + signal.SIGTERM
     assert cleaned == [True]
     assert signal.getsignal(signal.SIGTERM) is before
     assert capsys.readouterr().err.count("\n") == 1
@@ -228,7 +229,7 @@ def test_sigterm_unwinds_after_pycolmap_was_loaded(arguments: list[str]) -> None
         "    import pycolmap\n"
         "    try: os.kill(os.getpid(), signal.SIGTERM)\n"
         "    finally: print('cleaned up')\n"
-        f"cli.execute = execute; sys.exit(cli.main({arguments!r}))"
+        f"app.execute = execute; sys.exit(app.main({arguments!r}))"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert done.returncode == 128 + signal.SIGTERM
@@ -242,7 +243,7 @@ def test_a_reader_that_leaves_is_no_failure() -> None:
         "import sys; from dofbench import cli\n"
         "def execute(settings):\n"
         "    while True: print('line', flush=True)\n"
-        "cli.execute = execute; sys.exit(cli.main(['scenes']))"
+        "app.execute = execute; sys.exit(app.main(['scenes']))"
     )
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         process.stdout.readline()
@@ -257,8 +258,8 @@ def test_a_reader_that_leaves_is_no_failure() -> None:
 @pytest.mark.parametrize("arguments", [[], ["--help"], ["run", "--help"], ["make-dataset", "--help"]], ids=" ".join)
 def test_help_loads_nothing_heavy(arguments: list[str]) -> None:
     script = (
-        "import dofbench.cli\n"
-        f"try: dofbench.cli.main({arguments!r}) if {arguments!r} else None\n"
+        "import dofbench.cli.app\n"
+        f"try: dofbench.cli.app.main({arguments!r}) if {arguments!r} else None\n"
         "except SystemExit as end: assert end.code == 0"
     )
     assert not {*HEAVY} & imported_by(script)

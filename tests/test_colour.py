@@ -15,11 +15,11 @@ from icc_profiles import ADOBE_RGB, DISPLAY_P3, LINEAR_SRGB, PROPHOTO, of_grey, 
 from PIL import Image, ImageCms
 from tolerances import CONVERTED_COLOUR, FLOAT32_VALUE, LEVEL_8BIT
 
-from dofbench.core.coding import coding_of
 from dofbench.core.errors import InputError
+from dofbench.core.image_files.coding import coding_of
+from dofbench.core.image_files.primaries import DISPLAY_P3 as P3_CHROMATICITIES
+from dofbench.core.image_files.primaries import srgb_decode, srgb_encode
 from dofbench.core.images import image_size, read_coded, read_image, read_stored
-from dofbench.core.primaries import DISPLAY_P3 as P3_CHROMATICITIES
-from dofbench.core.primaries import srgb_decode, srgb_encode
 
 LEVELS = np.random.default_rng(0).integers(0, 256, (24, 32, 3)).astype(np.uint8)
 SRGB_PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()

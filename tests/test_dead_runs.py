@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from called import PATIENCE, called, dofbench, fake_method_and_data
 
-from dofbench.core.memory_evidence import MemoryWatch
-from dofbench.results.collecting import dead_entry
-from dofbench.results.result import Result, read_result
+from dofbench.evaluation.results.collecting import dead_entry
+from dofbench.evaluation.results.result import Result, read_result
+from dofbench.runtime.memory_evidence import MemoryWatch
 
 # A method that dies in native code once it trains.
 DEATHS = """

@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE, HALF_WEIGHTS
 
 from dofbench.core.content import content_folder
-from dofbench.depth.network import Network, find_network
+from dofbench.datasets.synthesis.depth_sources import open_source
 from dofbench.scenes import load_scene
+from dofbench.scenes.depth.network import Network, find_network
 from dofbench.scenes.scene import Scene
-from dofbench.synthesis.depth_sources import open_source
 
 FOLDER = content_folder("datasets") / "depthnet"
 LARGEST = 3_000_000  # bytes

@@ -7,7 +7,7 @@ import gc
 import pytest
 import torch
 
-from dofbench.compute.device_host import feeding
+from dofbench.runtime.device_host import feeding
 
 
 def state() -> tuple[bool, int]:

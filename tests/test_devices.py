@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from dofbench.compute import devices
 from dofbench.core.errors import InputError
+from dofbench.runtime import devices
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from doc_pages import Block, anchors, blocks, commands, links
 
-from dofbench import cli
+from dofbench.cli import app
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [
@@ -58,7 +58,7 @@ def test_command_lines_parse(words: list[str], monkeypatch: pytest.MonkeyPatch) 
         return
     shown = [word.strip("[]").replace("$scene", "fence") for word in words if word not in ("...", "...]", "…")]
     try:
-        cli.parse(shown)
+        app.parse(shown)
     except SystemExit as end:
         assert end.code == 0 and "--help" in shown, "the command line isn't one"
 
@@ -158,8 +158,8 @@ def test_the_snippet_that_renders_another_programs_ply(tmp_path: Path, monkeypat
     """docs/methods.md shows it for a scene.ply and a camera that the reader has."""
     from random_gaussians import scene, view
 
-    from dofbench.gaussians.model import Gaussians
-    from dofbench.gaussians.splats import write_splats
+    from dofbench.training.gaussians.model import Gaussians
+    from dofbench.training.gaussians.splats import write_splats
 
     (block,) = [block for block in blocks(ROOT / "docs" / "methods.md") if block.language == "python"]
     write_splats(tmp_path / "scene.ply", Gaussians(scene(20, seed=0)))

@@ -20,12 +20,12 @@ class Interrupting:
             os.kill(os.getpid(), signal.SIGINT)
 
 sys.meta_path.insert(0, Interrupting())
-from dofbench.entry import run
+from dofbench.cli.entry import run
 run()
 """
 
 
-@pytest.mark.parametrize("module", ["tyro", "dofbench.validation.validation_options"])
+@pytest.mark.parametrize("module", ["tyro", "dofbench.evaluation.renderer.validation_options"])
 def test_an_interruption_while_importing_is_one_line(module: str) -> None:
     program = PROGRAM.replace("MODULE", module)
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)

@@ -8,12 +8,12 @@ import sys
 
 import pytest
 
-from dofbench.compute.freed_memory import keep_freed_memory
+from dofbench.runtime.freed_memory import keep_freed_memory
 
 PAGES = """
 import resource, sys
 import numpy as np
-from dofbench.compute.freed_memory import keep_freed_memory
+from dofbench.runtime.freed_memory import keep_freed_memory
 
 def faults(rounds):
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from dofbench.compute import gpu_launch
+from dofbench.runtime import gpu_launch
 
 
 class Compiled:

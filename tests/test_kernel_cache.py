@@ -13,7 +13,7 @@ import pytest
 
 PROGRAM = """
 from numba import njit
-from dofbench.compute import kernel_cache
+from dofbench.runtime import kernel_cache
 
 @kernel_cache.cached
 @njit

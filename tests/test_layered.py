@@ -13,9 +13,9 @@ from tolerances import FLOAT32_VALUE
 
 from dofbench.core.blur import Blur
 from dofbench.core.lens import PhysicalLens
-from dofbench.kernels import load
 from dofbench.optics.defocus import defocus_numpy
 from dofbench.optics.layered import _continued, _nearest, layered_blur
+from dofbench.runtime.ops import load
 
 MARGIN, HEIGHT, WIDTH = 16, 96, 112
 

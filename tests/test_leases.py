@@ -14,17 +14,18 @@ from called import holding
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dofbench.core import file_lock, leases
+from dofbench.core import file_lock
 from dofbench.core.errors import InputError
 from dofbench.core.file_lock import Lock
-from dofbench.core.leases import EXPIRES_AFTER, at_work, leased, leased_folders, left_note
+from dofbench.runtime import leases
+from dofbench.runtime.leases import EXPIRES_AFTER, at_work, leased, leased_folders, left_note
 
 NO_LOCKS = pytest.mark.parametrize("locks", [True, False], ids=["locks", "no locks"])
 
 
 def hold(folder: Path) -> subprocess.Popen[str]:
     """A process that holds the folder's lease until its input ends."""
-    imports = "from pathlib import Path\nfrom dofbench.core.leases import leased"
+    imports = "from pathlib import Path\nfrom dofbench.runtime.leases import leased"
     return holding(imports, f"leased(Path({str(folder)!r}), {{'what': 'mine'}})")
 
 

@@ -7,7 +7,7 @@ import torch
 from tolerances import FLOAT32_SCALAR
 from torch import nn
 
-from dofbench.learning.networks import NetworkAdam, encoded_places, in_a_row, rectified, redraw
+from dofbench.training.common.networks import NetworkAdam, encoded_places, in_a_row, rectified, redraw
 
 
 def test_encoded_places() -> None:

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from tolerances import ROUGH_APERTURE
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.content import content_folder
 from dofbench.core.images import read_image, write_png
 from dofbench.core.lens import Lens
-from dofbench.depth.disparity import scene_range
+from dofbench.datasets.synthesis import Dataset
+from dofbench.evaluation.results.result import read_result
 from dofbench.optics.defocus import defocus_numpy
-from dofbench.results.result import read_result
 from dofbench.scenes import export, load_scene
-from dofbench.synthesis import Dataset
+from dofbench.scenes.depth.disparity import scene_range
 
 HOLD, STEPS, WIDTH = 8, 60, 64
 METRES = 0.5  # to a scene unit
@@ -73,15 +73,15 @@ def test_one_aperture_predicts_the_photographs_of_another(
 ) -> None:
     data, results = tmp_path / "data", tmp_path / "results"
     make = ["make-dataset", str(two_apertures), "--photographs", "shallow", "--out", str(data)]
-    assert cli.main([*make, "--train-f-number", "2", "--test-f-number", "8"]) == 0
-    assert cli.main(["check", str(data)]) == 0
+    assert app.main([*make, "--train-f-number", "2", "--test-f-number", "8"]) == 0
+    assert app.main(["check", str(data)]) == 0
     numbers = {
         split: {view.exif.f_number for view in Dataset.load(data).views if view.split == split}
         for split in ("train", "test")
     }
     assert numbers == {"train": {2.0}, "test": {8.0}}
     run = ["run", "--preset", "smoke", "--data", str(data), "--budget", "8it", "--out", str(results), "--method"]
-    assert cli.main([*run, "dofgaussian"]) == 0 and cli.main([*run, "mipsplatting"]) == 0
+    assert app.main([*run, "dofgaussian"]) == 0 and app.main([*run, "mipsplatting"]) == 0
     plan = capsys.readouterr().out
     assert (
         "across-apertures-v1" in plan and "exif_spread, exif_ratio, exif_focus, exif_focus_scatter: the method" in plan
@@ -95,18 +95,18 @@ def test_one_aperture_predicts_the_photographs_of_another(
     # Of one f-number there is a spread, once training has moved most of the lenses, and no ratio.
     assert "half of them" in lens.left_out["exif_spread"] and "fewer than two" in lens.left_out["exif_ratio"]
     assert {"across_psnr", "in_focus_blurred_psnr"} <= none.scores.keys() and "unscaled_psnr" in none.left_out
-    assert cli.main(["check", str(results)]) == 0
-    assert cli.main(["report", str(results), "--out", str(tmp_path / "report")]) == 0
+    assert app.main(["check", str(results)]) == 0
+    assert app.main(["report", str(results), "--out", str(tmp_path / "report")]) == 0
     page = (tmp_path / "report" / "leaderboard.md").read_text()
     assert "other aperture, PSNR where blurred" in page and "aperture spread" in page
 
 
 def test_spread_and_ratio_come_from_a_sitting_of_several_apertures(two_apertures: Path, tmp_path: Path) -> None:
     data = tmp_path / "data"
-    assert cli.main(["make-dataset", str(two_apertures), "--photographs", "shallow", "--out", str(data)]) == 0
+    assert app.main(["make-dataset", str(two_apertures), "--photographs", "shallow", "--out", str(data)]) == 0
     for setting, there in (("lens_per=view", {"exif_spread", "exif_ratio"}), ("lens_per=scene", {"exif_ratio"})):
         run = training(data, 60, tmp_path / setting)
-        assert cli.main([*run, "--set", setting]) == 0
+        assert app.main([*run, "--set", setting]) == 0
         (file,) = (tmp_path / setting).rglob("result.json")
         result = read_result(file)
         assert result.spec.protocol == "photographs-v1"
@@ -120,27 +120,27 @@ def test_spread_and_ratio_come_from_a_sitting_of_several_apertures(two_apertures
     for view in stored["apertures"]:
         view["aperture"] *= 1.5 if view["f_number"] == 8 else 1
     file.write_text(json.dumps(stored))
-    assert cli.main(["check", str(file.parent)]) == 1
+    assert app.main(["check", str(file.parent)]) == 1
     (file,) = (tmp_path / "lens_per=view").rglob("result.json")
-    assert cli.main(["check", str(file.parent)]) == 0
+    assert app.main(["check", str(file.parent)]) == 0
     stored = json.loads(file.read_text())
     stored["foci"][0]["distance"] *= 2
     file.write_text(json.dumps(stored))
-    assert cli.main(["check", str(file.parent)]) == 1
+    assert app.main(["check", str(file.parent)]) == 1
 
 
 def test_photographs_are_trained_on_scored_checked_and_reported(
     blurred: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     data, results, report = tmp_path / "data", tmp_path / "results", tmp_path / "report"
-    assert cli.main(["make-dataset", str(blurred), "--layout", "deblurnerf", "--out", str(data)]) == 0
-    assert cli.main(["check", str(data)]) == 0
+    assert app.main(["make-dataset", str(blurred), "--layout", "deblurnerf", "--out", str(data)]) == 0
+    assert app.main(["check", str(data)]) == 0
     run = training(data, STEPS, results)
-    assert cli.main([*run, "--dry-run"]) == 0
+    assert app.main([*run, "--dry-run"]) == 0
     plan = capsys.readouterr().out
     assert "scores aif_psnr, aif_ssim, aif_flip" in plan and "no psnr, ssim" in plan and ": no test lens" in plan
     assert "stage lens: runs: the photographs show circles of confusion" in plan
-    assert cli.main(run) == 0
+    assert app.main(run) == 0
     (folder,) = (path.parent for path in results.rglob("result.json"))
     result = read_result(folder)
     assert result.scores["steps"] == STEPS and not {"psnr", "delta_a"} & result.scores.keys()
@@ -149,8 +149,8 @@ def test_photographs_are_trained_on_scored_checked_and_reported(
     assert result.curve[-1].scores["aif_psnr"] > result.curve[0].scores["aif_psnr"]
     name = Dataset.load(data).test_views()[0].name
     assert read_image(folder / "predictions" / "all_in_focus" / f"{name}.png").shape == (48, 64, 3)
-    assert cli.main(["check", str(results)]) == 0
-    assert cli.main(["report", str(results), "--out", str(report)]) == 0
+    assert app.main(["check", str(results)]) == 0
+    assert app.main(["report", str(results), "--out", str(report)]) == 0
     assert "trained on unknown lenses" in (report / "leaderboard.md").read_text()
 
 
@@ -159,10 +159,10 @@ def test_photographs_that_are_sharp_after_all_are_trained_on_without_a_lens(
 ) -> None:
     data = tmp_path / "data"
     assert (
-        cli.main(["make-dataset", "tabletop", "--width", str(WIDTH), "--photographs", "shallow", "--out", str(data)])
+        app.main(["make-dataset", "tabletop", "--width", str(WIDTH), "--photographs", "shallow", "--out", str(data)])
         == 0
     )
-    assert cli.main(training(data, 5, tmp_path / "results")) == 0
+    assert app.main(training(data, 5, tmp_path / "results")) == 0
     plan = capsys.readouterr().out
     assert "stage lens: left out: the photographs show" in plan and "lens=False" in plan
     # Beside what the photographs themselves say, the scene's own depth is known.
@@ -172,16 +172,16 @@ def test_photographs_that_are_sharp_after_all_are_trained_on_without_a_lens(
     result = read_result(file)
     assert 0 < result.scores["disparity_error"] < 1
     assert [len(fit.halves) for fit in result.fits] == [2] * 3 and result.fits[0].halves[0].aperture is None
-    assert cli.main(["check", str(tmp_path / "results")]) == 0
+    assert app.main(["check", str(tmp_path / "results")]) == 0
 
 
 def test_shallow_photographs_alone_are_scored_by_half_of_each(
     blurred: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     data, results, report = tmp_path / "data", tmp_path / "results", tmp_path / "report"
-    assert cli.main(["make-dataset", str(blurred), "--photographs", "shallow", "--out", str(data)]) == 0
-    assert cli.main(["check", str(data)]) == 0
-    assert cli.main(training(data, 8, results)) == 0
+    assert app.main(["make-dataset", str(blurred), "--photographs", "shallow", "--out", str(data)]) == 0
+    assert app.main(["check", str(data)]) == 0
+    assert app.main(training(data, 8, results)) == 0
     plan = capsys.readouterr().out
     assert "photographs-v1" in plan and "scores photo_psnr, photo_ssim, photo_blur_psnr" in plan
     (file,) = results.rglob("result.json")
@@ -189,8 +189,8 @@ def test_shallow_photographs_alone_are_scored_by_half_of_each(
     assert len(result.fits) == len(result.views) == 3 and all(fit.seconds > 0 for fit in result.fits)
     assert all(half.aperture >= 0 for fit in result.fits for half in fit.halves)
     assert "photo_psnr" in result.curve[-1].scores
-    assert cli.main(["check", str(results)]) == 0
-    assert cli.main(["report", str(results), "--out", str(report)]) == 0
+    assert app.main(["check", str(results)]) == 0
+    assert app.main(["report", str(results), "--out", str(report)]) == 0
     assert "photograph PSNR" in (report / "leaderboard.md").read_text()
 
 
@@ -198,8 +198,8 @@ def test_sharp_photographs_to_train_on_are_asked_for_in_vain(
     blurred: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     data = tmp_path / "data"
-    assert cli.main(["make-dataset", str(blurred), "--layout", "deblurnerf", "--out", str(data)]) == 0
+    assert app.main(["make-dataset", str(blurred), "--layout", "deblurnerf", "--out", str(data)]) == 0
     capsys.readouterr()
-    assert cli.main(["run", "--method", "dofgaussian", "--data", str(data), "--inputs", "all-in-focus"]) == 2
+    assert app.main(["run", "--method", "dofgaussian", "--data", str(data), "--inputs", "all-in-focus"]) == 2
     line = capsys.readouterr().err
     assert "no all-in-focus photograph of 17 training views" in line and line.count("\n") == 1

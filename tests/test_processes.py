@@ -14,7 +14,7 @@ import pytest
 
 from dofbench.core.errors import InputError
 from dofbench.core.jobs import FREED, Busy, Job, Resources, ThisProcess
-from dofbench.core.processes import LocalProcesses, machine_memory_mb
+from dofbench.runtime.processes import LocalProcesses, machine_memory_mb
 
 
 class Log:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ast
 import inspect
-from pathlib import Path
 
 import pytest
 from called import imported_by
@@ -21,24 +19,9 @@ def test_import_is_light() -> None:
 
 
 def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+    with pytest.raises(AttributeError, match="nothing"):
         _ = dofbench.nothing
     assert set(dofbench.__all__) <= set(dir(dofbench))
-
-
-def test_type_checkers_read_the_same_list() -> None:
-    """The imports that a checker alone sees, the places that __getattr__ looks in, and __all__ say one thing."""
-    imported = {
-        alias.asname: node.module.removeprefix("dofbench.")
-        for branch in ast.parse(Path(dofbench.__file__).read_text()).body
-        if isinstance(branch, ast.If)
-        for node in branch.body
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("dofbench.")
-        for alias in node.names
-    }
-    assert imported == dofbench._PLACES
-    assert {*imported, "__version__"} == set(dofbench.__all__)
-    assert len(set(dofbench.__all__)) == len(dofbench.__all__)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -18,8 +18,8 @@ from dofbench.core.files import read_json
 from dofbench.core.images import image_size, read_exr, read_image, write_exr, write_png
 from dofbench.core.readable import parse_json, read_array, read_arrays, read_toml
 from dofbench.scenes.depth_files import read_depth
-from dofbench.scenes.folders import image_files
 from dofbench.scenes.ply import read_ply
+from dofbench.scenes.readers.folders import image_files
 
 
 def _socket(path: Path) -> None:

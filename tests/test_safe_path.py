@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from called import called, dofbench, fake_method_and_data
 
-from dofbench.procedural import variant
+from dofbench.scenes.procedural import variant
 
 # Standard modules that multiprocessing, numpy, torch or this program import after the start.
 NAMES = (

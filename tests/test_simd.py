@@ -8,9 +8,9 @@ import numpy as np
 from numba import njit
 from tolerances import EIGHT_LANES, EXP2_FAST
 
-from dofbench.compute.simd import any8, bits8, mask8_of, select8, sums8
-from dofbench.compute.simd_functions import abs8, exp2_fast8, exp8, floor8, floor_int, log2_8, max8, min8
-from dofbench.compute.simd_memory import gather8, gather_pairs8, load8, scatter8, store8
+from dofbench.runtime.simd import any8, bits8, mask8_of, select8, sums8
+from dofbench.runtime.simd_functions import abs8, exp2_fast8, exp8, floor8, floor_int, log2_8, max8, min8
+from dofbench.runtime.simd_memory import gather8, gather_pairs8, load8, scatter8, store8
 
 F = np.float32
 
@@ -83,7 +83,7 @@ def test_exp_at_its_ends():
 def test_cached_code_is_forgotten_when_a_module_beside_it_changes(tmp_path):
     constants = tmp_path / "constants.py"
     (tmp_path / "kernel.py").write_text(
-        "from numba import njit\nfrom dofbench.compute.kernel_cache import cached\nimport constants\n"
+        "from numba import njit\nfrom dofbench.runtime.kernel_cache import cached\nimport constants\n"
         "@cached\n@njit\ndef scaled(x):\n    return x * constants.FACTOR\n"
         "print(scaled(1.0), sum(scaled.stats.cache_hits.values()))\n"
     )

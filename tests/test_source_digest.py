@@ -9,7 +9,7 @@ import pytest
 
 from dofbench.core import source_digest
 from dofbench.core.content import content_folder
-from dofbench.results import provenance
+from dofbench.evaluation.results import provenance
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def changed(copied: Path, monkeypatch: pytest.MonkeyPatch):
     ("name", "method", "device", "expected"),
     [
         ("dofbench/core/lens.py", "bags", "cpu", True),
-        ("dofbench/metrics/psnr.py", "bags", "cpu", True),
+        ("dofbench/core/similarity.py", "bags", "cpu", True),
         ("kernels/scatter/cpu.py", "bags", "cpu", True),
         ("methods/bags/method.py", "bags", "cpu", True),
         ("methods/mipsplatting/method.py", "bags", "cpu", True),  # bags is like it

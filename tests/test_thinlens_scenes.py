@@ -24,10 +24,10 @@ from dofbench.core.content import content_folder
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_exr
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
-from dofbench.depth.disparity import disparity_of, scene_range
 from dofbench.optics.defocus import defocus_numpy
 from dofbench.optics.tone import encode
 from dofbench.scenes import load_scene
+from dofbench.scenes.depth.disparity import disparity_of, scene_range
 from dofbench.scenes.named import named_datasets
 
 DATASET = named_datasets()["thinlens"]

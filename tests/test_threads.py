@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dofbench.compute.threads import available_cores, configure_threads
+from dofbench.runtime.threads import available_cores, configure_threads
 
 
 @pytest.fixture

@@ -81,11 +81,12 @@ def test_wheel_is_small(wheel: Path) -> None:
 
 def test_content_is_found_in_the_installation(installation: Path, tmp_path: Path) -> None:
     script = (
-        "import dofbench.kernels, dofbench.methods\n"
+        "import dofbench.runtime.ops, dofbench.methods\n"
         "from dofbench.core.content import FOLDERS, content_folder\n"
         "for name in FOLDERS: print(content_folder(name))\n"
-        "for op in dofbench.kernels.ops():\n"
-        "    for backend in dofbench.kernels.backends(op): print(dofbench.kernels.load(op, backend).__module__)\n"
+        "for op in dofbench.runtime.ops.ops():\n"
+        "    for backend in dofbench.runtime.ops.backends(op):\n"
+        "        print(dofbench.runtime.ops.load(op, backend).__module__)\n"
     )
     printed = called(installation / "python", "-c", script, cwd=tmp_path).splitlines()
     folders = [Path(line) for line in printed[: len(FOLDERS)]]

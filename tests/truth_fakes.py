@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 
-from dofbench.validation import planes
-from dofbench.validation.lens_points import lens_points
+from dofbench.evaluation.renderer import planes
+from dofbench.evaluation.renderer.lens_points import lens_points
 
 WIDTH, HEIGHT = 160, 120
 SCENE = (planes.Plane(1, 4.0, "all", 0.0, highlights=0.01), planes.Plane(2, 4.0, "discs", 1.0, highlights=0.01))

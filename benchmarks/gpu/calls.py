@@ -10,12 +10,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.compute.factored_grid import GridShape
 from dofbench.core.cameras import Camera
-from dofbench.gaussians.forward.lens_pattern import lens_points
-from dofbench.kernels import load
-from dofbench.learning.priors.stereo import BEST, EDGE, LARGE, RADIUS, SMALL, SOURCES
-from dofbench.learning.rendered_surface import SURFACE_ALPHA
+from dofbench.runtime.factored_grid import GridShape
+from dofbench.runtime.ops import load
+from dofbench.training.common.priors.stereo import BEST, EDGE, LARGE, RADIUS, SMALL, SOURCES
+from dofbench.training.common.rendered_surface import SURFACE_ALPHA
+from dofbench.training.gaussians.forward.lens_pattern import lens_points
 
 NAMES = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
 

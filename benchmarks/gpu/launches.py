@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 import torch
 
-from dofbench.compute.factored_grid import GridShape
-from dofbench.compute.gpu_launch import recorded
-from dofbench.compute.raster import GEOMETRIES, ViewStatistics
 from dofbench.core.cameras import Camera
 from dofbench.core.lens import ApertureShape
-from dofbench.kernels import load
-from dofbench.learning.priors.stereo import BEST, PLANES, RADIUS, TOGETHER
+from dofbench.runtime.factored_grid import GridShape
+from dofbench.runtime.gpu_launch import recorded
+from dofbench.runtime.ops import load
+from dofbench.runtime.raster import GEOMETRIES, ViewStatistics
+from dofbench.training.common.priors.stereo import BEST, PLANES, RADIUS, TOGETHER
 
 
 def tone() -> None:

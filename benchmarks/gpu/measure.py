@@ -42,13 +42,13 @@ from benchmarks.gpu.step import is_kernel, profiler, step_parts
 from dofbench.core.budget import Budget
 from dofbench.core.files import read_json, write_json, write_text
 from dofbench.core.lens import PhysicalLens
-from dofbench.dataset.schema import MANIFEST
+from dofbench.datasets.format.schema import MANIFEST
+from dofbench.evaluation.results.provenance import code_version, git_state, package_versions
+from dofbench.evaluation.results.result import read_result
+from dofbench.evaluation.results.run_spec import Run
+from dofbench.methods.cards import find_method
 from dofbench.reporting.csv_writer import write_csv
-from dofbench.results.provenance import code_version, git_state, package_versions
-from dofbench.results.result import read_result
-from dofbench.results.run_spec import Run
 from dofbench.running.load_run import load_run
-from dofbench.running.method_cards import find_method
 from dofbench.running.one_run import run
 
 DEVICE = "cuda"

@@ -5,7 +5,7 @@
 Every case of kernels alone, on the device that tests/pretended_device.py pretends. The interpreter is slow, so a case
 is given up after `--seconds`, which its row says. Rows go into stability.csv one by one, and the same command goes on
 with what is missing; stability.md sums them up. Ends with status 1 where a bound isn't met and
-dofbench/stability/limits.toml has no reason for it.
+dofbench/evaluation/stability/limits.toml has no reason for it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from typing import Any
 
 os.environ["TRITON_INTERPRET"] = "1"  # Triton reads it when it is imported
 
-from dofbench.compute.threads import configure_threads
+from dofbench.runtime.threads import configure_threads
 
 configure_threads()
 
@@ -78,7 +78,7 @@ def limited(seconds: float) -> Iterator[None]:
 def cases() -> Iterator[tuple[Any, Any]]:
     """Every case with its setting on the GPU; within `pretended`, since what this machine has is asked at import."""
     for group in GROUPS:
-        for case in import_module(f"dofbench.stability.{group}_cases").CASES:
+        for case in import_module(f"dofbench.evaluation.stability.{group}_cases").CASES:
             for setting in case.settings:
                 if (setting.backend, setting.device) == ("gpu", "cuda"):
                     yield case, setting
@@ -86,7 +86,7 @@ def cases() -> Iterator[tuple[Any, Any]]:
 
 def measured(case: Any, setting: Any, seconds: float) -> dict[str, str]:
     """The row of a case."""
-    from dofbench.stability.limits import limit_of, read_limits
+    from dofbench.evaluation.stability.limits import limit_of, read_limits
 
     start, row = time.monotonic(), {"case": case.id, "kernel": case.subject}
     try:

@@ -11,12 +11,12 @@ from typing import Any
 import torch
 from torch.profiler import profile, supported_activities
 
-from dofbench.compute.device_host import feeding
 from dofbench.core.budget import Budget
-from dofbench.dataset.dataset import Dataset
-from dofbench.gaussians.gaussian_method import GaussianMethod
-from dofbench.gaussians.trainer import Trainer
-from dofbench.running.method_cards import find_method
+from dofbench.datasets.format.dataset import Dataset
+from dofbench.methods.cards import find_method
+from dofbench.runtime.device_host import feeding
+from dofbench.training.gaussians.gaussian_method import GaussianMethod
+from dofbench.training.gaussians.trainer import Trainer
 
 MOST = 40  # kernels, and calls of the host, that are listed
 

@@ -17,12 +17,12 @@ import numpy as np
 from dofbench.core.content import content_folder
 from dofbench.core.contracts import TrainingSet
 from dofbench.core.progress import Silent
-from dofbench.dataset.dataset import Dataset
-from dofbench.dataset.inputs import Inputs
-from dofbench.procedural import make_scene
-from dofbench.procedural.scene_options import DEVELOPMENT, MakeScene
-from dofbench.synthesis.builder import make
-from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.datasets.format.dataset import Dataset
+from dofbench.datasets.format.inputs import Inputs
+from dofbench.datasets.synthesis.builder import make
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
+from dofbench.scenes.procedural import make_scene
+from dofbench.scenes.procedural.scene_options import DEVELOPMENT, MakeScene
 
 FEW = 6  # photographs of the smallest subsets
 FAINT = 0.75  # px: with smaller true circles of confusion, either decision counts as right

@@ -3,7 +3,7 @@
     python -m benchmarks.lens.check --work DIR --scenes SCENES --out reports/lens [--seconds 3600]
 
 Makes the datasets of `cases.py` in DIR, small ones, and trains on each case until preset cpu's trials
-(`dofbench/gaussians/trials.py`) have decided: one row of is-there-a-lens.csv per case and length of training, written
+(`training/gaussians/trials.py`) have decided: one row of is-there-a-lens.csv per case and length of training, written
 as soon as it is known; a case with a row isn't measured again. With --cost, cases are trained to the end with a lens
 for each photograph, without a lens, and with a shared lens, to measure the cost of a wrong decision:
 is-there-a-lens-costs.csv. is-there-a-lens-table.md sums up both files.
@@ -22,18 +22,18 @@ import tyro
 
 from benchmarks.lens.cases import FAINT, Case, cases, load, make_datasets
 from benchmarks.lens.tables import write_table
-from dofbench.compute.threads import configure_threads
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import Decision
 from dofbench.core.errors import InputError
-from dofbench.dataset.dataset import Dataset
-from dofbench.gaussians.gaussian_options import GaussianOptions
-from dofbench.gaussians.trainer import Trainer
-from dofbench.gaussians.trials import HELD_BACK
-from dofbench.metrics.psnr import psnr
+from dofbench.core.similarity import psnr
+from dofbench.datasets.format.dataset import Dataset
+from dofbench.methods.cards import find_method
+from dofbench.methods.stages.facts import facts_of
 from dofbench.reporting.csv_writer import write_csv
-from dofbench.running.facts import facts_of
-from dofbench.running.method_cards import find_method
+from dofbench.runtime.threads import configure_threads
+from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.gaussians.trainer import Trainer
+from dofbench.training.gaussians.trials import HELD_BACK
 
 COLUMNS = (
     "case",

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from dofbench.core.files import write_text
-from dofbench.running.stage_deciders import CLEAR_BLUR, NEEDLESS_BLUR
+from dofbench.methods.stages.stage_deciders import CLEAR_BLUR, NEEDLESS_BLUR
 
 Row = dict[str, str]
 

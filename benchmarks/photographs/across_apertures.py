@@ -17,13 +17,13 @@ import tyro
 
 from dofbench.core.errors import Status
 from dofbench.core.files import write_text
-from dofbench.metrics.exif_errors import exif_errors
+from dofbench.evaluation.metrics.exif_errors import exif_errors
+from dofbench.evaluation.results.collecting import Entry, collect, grouped, variant_names
+from dofbench.evaluation.results.columns import COLUMNS
+from dofbench.evaluation.results.protocol import ACROSS_COLUMNS, EXIF_COLUMNS
 from dofbench.reporting.csv_writer import write_csv
 from dofbench.reporting.footnotes import Footnotes
 from dofbench.reporting.markdown_writer import markdown_table
-from dofbench.results.collecting import Entry, collect, grouped, variant_names
-from dofbench.results.columns import COLUMNS
-from dofbench.results.protocol import ACROSS_COLUMNS, EXIF_COLUMNS
 
 FIELDS = (
     "method",

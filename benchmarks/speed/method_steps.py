@@ -18,22 +18,22 @@ from pathlib import Path
 
 import tyro
 
-from dofbench.compute.threads import configure_threads
+from dofbench.runtime.threads import configure_threads
 
 configure_threads()  # before torch is imported
 
 import torch  # noqa: E402
 from torch.profiler import ProfilerActivity, profile  # noqa: E402
 
-from dofbench.compute.freed_memory import keep_freed_memory  # noqa: E402
 from dofbench.core.budget import Budget  # noqa: E402
-from dofbench.dataset.dataset import Dataset  # noqa: E402
-from dofbench.fields.field_method import FieldMethod  # noqa: E402
-from dofbench.fields.field_trainer import FieldTrainer  # noqa: E402
-from dofbench.gaussians.gaussian_method import GaussianMethod  # noqa: E402
-from dofbench.gaussians.trainer import Trainer  # noqa: E402
+from dofbench.datasets.format.dataset import Dataset  # noqa: E402
+from dofbench.methods.cards import find_method, method_files  # noqa: E402
 from dofbench.reporting.csv_writer import write_csv  # noqa: E402
-from dofbench.running.method_cards import find_method, method_files  # noqa: E402
+from dofbench.runtime.freed_memory import keep_freed_memory  # noqa: E402
+from dofbench.training.fields.field_method import FieldMethod  # noqa: E402
+from dofbench.training.fields.field_trainer import FieldTrainer  # noqa: E402
+from dofbench.training.gaussians.gaussian_method import GaussianMethod  # noqa: E402
+from dofbench.training.gaussians.trainer import Trainer  # noqa: E402
 
 FIELDS = (
     "method",

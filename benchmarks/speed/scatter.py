@@ -22,7 +22,7 @@ import sys
 import time
 from pathlib import Path
 
-from dofbench.compute.threads import configure_threads
+from dofbench.runtime.threads import configure_threads
 
 configure_threads()  # before torch and numba are imported
 
@@ -84,8 +84,8 @@ def photograph(kind: str, renderer: str, width: int, height: int, radius: float)
     """Make one photograph in this process, which should do nothing else, since its peak memory is measured."""
     from dofbench.core.blur import Blur
     from dofbench.core.lens import DisparityRange, Lens
-    from dofbench.dataset.schema import ViewRecord
-    from dofbench.synthesis.render_views import Photography, shallow_image
+    from dofbench.datasets.format.schema import ViewRecord
+    from dofbench.datasets.synthesis.render_views import Photography, shallow_image
 
     low, high = DISPARITIES
     sharp = picture(height, width)
@@ -162,7 +162,7 @@ def energy(kind: str, width: int, height: int, radius: float) -> dict:
     import torch
 
     from dofbench.core.lens import ALPHA
-    from dofbench.kernels import load
+    from dofbench.runtime.ops import load
 
     rng = np.random.default_rng(2)
     image = rng.random((height, width, 3), dtype=np.float32)
@@ -212,7 +212,7 @@ def cost(kind: str, form: str, cases: list[tuple[int, int, float]], repeats: int
     """Least wall and processor time of `repeats` runs of the scatter alone, by (width, height, largest radius)."""
     import torch
 
-    from dofbench.kernels import load
+    from dofbench.runtime.ops import load
 
     scatter = load("scatter", "cpu")
     rows = []
@@ -265,7 +265,7 @@ def measure_cost(width: int, height: int, radius: float, repeats: int) -> list[d
 
 def draw(rows: list[dict], path: Path) -> None:
     """cost.png: processor time against radius, and against pixels."""
-    from dofbench.reporting.figures import look, new_figure, save
+    from dofbench.evaluation.figures import look, new_figure, save
 
     figure = new_figure(11.0, 4.2)
     by_radius, by_pixels = figure.subplots(1, 2)

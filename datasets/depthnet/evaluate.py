@@ -19,14 +19,14 @@ import tyro
 from dofbench.core.content import content_folder
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
-from dofbench.depth.align import fit
-from dofbench.depth.network import Network, find_network, sampled
-from dofbench.depth.sightings import scene_sightings
-from dofbench.depth.source import SourceId
+from dofbench.datasets.synthesis.depth_sources import open_source
 from dofbench.reporting.csv_writer import write_csv
 from dofbench.scenes import load_scene
+from dofbench.scenes.depth.align import fit
+from dofbench.scenes.depth.network import Network, find_network, sampled
+from dofbench.scenes.depth.sightings import scene_sightings
+from dofbench.scenes.depth.source import SourceId
 from dofbench.scenes.scene import Scene
-from dofbench.synthesis.depth_sources import open_source
 
 HELD_OUT = 5  # one point in so many is held out
 FIELDS = ("scene", "estimate", "abs_rel", "within_1_25", "median_error")

@@ -20,11 +20,11 @@ import tyro
 from dofbench.core.files import replacing
 from dofbench.core.images import to_8bit
 from dofbench.optics.tone import encode
-from dofbench.procedural import camera_paths
-from dofbench.procedural.recipes import recipe
-from dofbench.procedural.scene_options import NAMES
-from dofbench.procedural.tracer import Tracer
-from dofbench.procedural.variant import choose_variant
+from dofbench.scenes.procedural import camera_paths
+from dofbench.scenes.procedural.recipes import recipe
+from dofbench.scenes.procedural.scene_options import NAMES
+from dofbench.scenes.procedural.tracer import Tracer
+from dofbench.scenes.procedural.variant import choose_variant
 
 WIDTH, HEIGHT = 256, 192
 RECIPES = 3  # every third room is a make-scene recipe, with a seed that no shipped scene has

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from dofbench.core.cameras import Camera
-from dofbench.procedural import shapes, textures
-from dofbench.procedural.camera_paths import world_to_camera
-from dofbench.procedural.stage import Finish, Lamp, Prop, Sphere, Stage, Tube
+from dofbench.scenes.procedural import shapes, textures
+from dofbench.scenes.procedural.camera_paths import world_to_camera
+from dofbench.scenes.procedural.stage import Finish, Lamp, Prop, Sphere, Stage, Tube
 
 NEAREST, FARTHEST = 0.7, 14.0  # distance of things from the camera, scene units; spread evenly in its logarithm
 

@@ -20,7 +20,7 @@ import tyro
 from torch import Tensor
 
 from dofbench.core.files import replacing
-from dofbench.depth.depthnet import MEAN, STD, DepthNet
+from dofbench.scenes.depth.depthnet import MEAN, STD, DepthNet
 
 SIZES = ((128, 96), (192, 160))  # (width, height) of training images: small ones first, which are three times as fast
 SWITCH = 0.75  # share of the budget at which the size changes

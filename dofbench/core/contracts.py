@@ -13,7 +13,7 @@ import numpy as np
 from dofbench.core.budget import Budget
 from dofbench.core.cameras import NO_OFFSET, Camera, Offset
 from dofbench.core.errors import Status
-from dofbench.core.exif import Exif
+from dofbench.core.image_files.exif import Exif
 from dofbench.core.lens import PhysicalLens
 from dofbench.core.masks import filled
 
@@ -110,7 +110,7 @@ class TrainingSet:
     points: where tracks are known, those that at least one of `views` saw, and points.views index into `views`. Where
     they are unknown, all points of the scene, those that only test views saw among them. Points and the cameras' poses
     usually come from structure from motion on the sharp photographs of all views, test views included, as is usual in
-    the field; a dataset's manifest says where its own come from (`dofbench.dataset.points_record`).
+    the field; a dataset's manifest says where its own come from (`dofbench.datasets.format.points_record`).
     offset: add it to coordinates here for those of the scene's files; zero unless these are far from their origin.
     """
 

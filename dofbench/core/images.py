@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from dofbench.core.camera_files import camera_coding, camera_size, is_camera_file, read_stored_camera
-from dofbench.core.coding import Coding, coding_of
-from dofbench.core.colour import to_srgb
 from dofbench.core.errors import InputError, first_line, says_no_memory
-from dofbench.core.exr_parts import picture_part
 from dofbench.core.files import refused, replacing
-from dofbench.core.icc import cmyk_to_srgb
-from dofbench.core.iso_boxes import is_box_file
+from dofbench.core.image_files.camera_files import camera_coding, camera_size, is_camera_file, read_stored_camera
+from dofbench.core.image_files.coding import Coding, coding_of
+from dofbench.core.image_files.colour import to_srgb
+from dofbench.core.image_files.exr_parts import picture_part
+from dofbench.core.image_files.icc import cmyk_to_srgb
+from dofbench.core.image_files.iso_boxes import is_box_file
 from dofbench.core.readable import check_file, check_pixels
 
 _LARGEST_HALF = 65504.0

@@ -10,11 +10,18 @@ from pathlib import Path
 from dofbench.core.content import content_folder
 
 PACKAGE = Path(__file__).resolve().parent.parent
-# The packages of dofbench that can change a training or a score.
+# The packages that a training or a score can depend on.
 SCORED = (
-    "core", "compute", "kernels", "optics", "metrics", "scenes", "depth", "dataset", "learning", "gaussians", "fields",
-    "external", "methods", "scoring",
-)  # fmt: skip
+    "core",
+    "runtime",
+    "optics",
+    "scenes",
+    "training",
+    "datasets/format",
+    "methods",
+    "evaluation/metrics",
+    "evaluation/scoring",
+)
 
 
 def source_digest(

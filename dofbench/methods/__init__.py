@@ -1,5 +1,5 @@
-"""Makes the method folders `methods/<id>/` importable as `dofbench.methods.<id>`."""
+"""Finding and loading methods. A method folder `methods/<id>/` is importable as `dofbench.methods.<id>`."""
 
 from dofbench.core.content import method_folders
 
-__path__ = [str(folder) for folder in method_folders()]
+__path__ = [*__path__, *(str(folder) for folder in method_folders())]

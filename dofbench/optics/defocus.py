@@ -17,9 +17,9 @@ from torch import Tensor
 from dofbench.core.blur import Blur
 from dofbench.core.errors import InputError
 from dofbench.core.lens import PhysicalLens
-from dofbench.kernels import load
 from dofbench.optics.layered import layered_blur
 from dofbench.optics.tone import TOE, decode, fast_decode, fast_encode
+from dofbench.runtime.ops import load
 
 
 def defocus(

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from dofbench.core.lens import GAMMA
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from dofbench.core.evidence import PHOTOGRAPHER_WORDS, ROLE_WORDS, Photographer, Role
+from dofbench.evaluation.results.collecting import Entry, added_columns, board_names, grouped, variant_names
+from dofbench.evaluation.results.columns import SCORES
+from dofbench.evaluation.results.lens_columns import HELD_OUT, lens_words
+from dofbench.evaluation.results.protocol import PROTOCOLS
 from dofbench.reporting import standing
 from dofbench.reporting.points_seen import points_of
 from dofbench.reporting.summary import Line, do_nothing_line, scene_mean, scene_spread, variant_line
-from dofbench.results.collecting import Entry, added_columns, board_names, grouped, variant_names
-from dofbench.results.columns import SCORES
-from dofbench.results.lens_columns import HELD_OUT, lens_words
-from dofbench.results.protocol import PROTOCOLS
 
 Variant = tuple[str, ...]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from dofbench.evaluation.results.collecting import Collection, variant_names
 from dofbench.reporting import layouts, leaderboard, overview, report_records, timing
 from dofbench.reporting.boards import Board, by_kind, score_columns
 from dofbench.reporting.gallery import BoardPictures
@@ -12,7 +13,6 @@ from dofbench.reporting.pairwise import board_pairs, comparison_records, explana
 from dofbench.reporting.plots import Plot
 from dofbench.reporting.report_view import CurveView, ReportView
 from dofbench.reporting.view import Document, Items, Picture
-from dofbench.results.collecting import Collection, variant_names
 
 Key = tuple[str, ...]  # identifies a board
 

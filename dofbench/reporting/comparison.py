@@ -12,9 +12,9 @@ import numpy as np
 
 from dofbench.core.errors import InputError
 from dofbench.core.images import read_image
-from dofbench.reporting.figures import new_figure, save
+from dofbench.evaluation.figures import new_figure, save
+from dofbench.evaluation.scoring.error_maps import FULL_SCALE
 from dofbench.reporting.gallery import BoardPictures, RunPictures
-from dofbench.scoring.error_maps import FULL_SCALE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dofbench.reporting.figures import NEUTRAL, Look, file_name, look, new_figure, save
+from dofbench.evaluation.figures import NEUTRAL, Look, file_name, look, new_figure, save
 from dofbench.reporting.plots import Plot
 from dofbench.reporting.series import Series
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dofbench.core.errors import Status
+from dofbench.evaluation.results.collecting import Entry
+from dofbench.evaluation.results.columns import COLUMNS, COST
+from dofbench.evaluation.results.protocol import LENS_COLUMNS
 from dofbench.reporting.paired import Difference, Group, grouped_difference, holm
-from dofbench.results.collecting import Entry
-from dofbench.results.columns import COLUMNS, COST
-from dofbench.results.protocol import LENS_COLUMNS
 
 Side = Sequence[Entry]  # the seeds of one variant on one dataset
 

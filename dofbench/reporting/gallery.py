@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from dofbench.core.errors import InputError, Status
-from dofbench.dataset.dataset import Dataset
+from dofbench.datasets.format.dataset import Dataset
+from dofbench.evaluation.results.collecting import Entry
+from dofbench.evaluation.results.columns import COLUMNS
+from dofbench.evaluation.scoring.evaluate import PREFIX, Kind
 from dofbench.reporting.boards import Board
 from dofbench.reporting.truth_images import find_dataset, prediction_file, require_truth, true_picture
-from dofbench.results.collecting import Entry
-from dofbench.results.columns import COLUMNS
-from dofbench.scoring.evaluate import PREFIX, Kind
 
 TITLES: dict[Kind, str] = {
     "refocus": "through the view's own lens",

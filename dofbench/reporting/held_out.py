@@ -6,12 +6,12 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from dofbench.core.errors import Status
+from dofbench.evaluation.results.collecting import Entry
+from dofbench.evaluation.results.protocol import AIF_PREFIX, arithmetic_mean
 from dofbench.reporting import table_cells
 from dofbench.reporting.score_table import Beside, score_table
 from dofbench.reporting.summary import Line, mean_and_spread
 from dofbench.reporting.view import Section
-from dofbench.results.collecting import Entry
-from dofbench.results.protocol import AIF_PREFIX, arithmetic_mean
 
 COLUMNS_SHOWN = ("psnr", "ssim", "flip")  # metrics that all-in-focus renderings have too
 ASKED_HEADING = "Held-out focus, by what the test views ask for"

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from dofbench.evaluation.results.collecting import Entry
+from dofbench.evaluation.results.result import Result
 from dofbench.reporting import standing, table_cells
 from dofbench.reporting.boards import Board
 from dofbench.reporting.summary import Line
 from dofbench.reporting.view import Cell, Heading, Items, Table
-from dofbench.results.collecting import Entry
-from dofbench.results.result import Result
 
 _CAPTION = "How each run was made"
 _ABOUT_STAGES = "Wall seconds of the harness's stages, and of the method's own within training"

@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from dofbench.evaluation.results.columns import COLUMNS, COST
+from dofbench.methods.cards import find_method, method_files
 from dofbench.reporting import standing, table_cells
 from dofbench.reporting.boards import Board, Variant, by_kind, mean_lines
 from dofbench.reporting.footnotes import one_line
@@ -13,8 +15,6 @@ from dofbench.reporting.paper import NOTHING_PRINTED, OF_THEIR_SSIM, Figures, na
 from dofbench.reporting.score_table import not_shown
 from dofbench.reporting.summary import Line, best_texts, empty_columns, scene_mean
 from dofbench.reporting.view import Cell, Heading, Paragraph, Section, Table
-from dofbench.results.columns import COLUMNS, COST
-from dofbench.running.method_cards import find_method, method_files
 
 _CHANGED = "the paper's figures are of the method as it is, not with these options"
 _HERE, _THEIRS = "measured here", "the paper's, on other data"  # group headings of the columns

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS
+from dofbench.evaluation.results.collecting import Entry
+from dofbench.evaluation.results.columns import COLUMNS
+from dofbench.methods.cards import find_method, method_files
 from dofbench.reporting import table_cells
 from dofbench.reporting.boards import Board, by_kind, mean_lines
 from dofbench.reporting.held_out import asked_section
@@ -15,9 +18,6 @@ from dofbench.reporting.report_view import BoardView, CurveView
 from dofbench.reporting.score_table import score_table
 from dofbench.reporting.summary import sorted_lines
 from dofbench.reporting.view import Heading, Items, Paragraph, Picture, Section, Table
-from dofbench.results.collecting import Entry
-from dofbench.results.columns import COLUMNS
-from dofbench.running.method_cards import find_method, method_files
 
 Names = dict[tuple[str, ...], tuple[str, str]]
 

@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from dofbench.core.errors import Status
+from dofbench.evaluation.results.collecting import Collection, Entry
+from dofbench.evaluation.results.columns import COLUMNS
+from dofbench.methods.cards import find_method, method_files
 from dofbench.reporting import standing, table_cells
 from dofbench.reporting.boards import Board, Variant, by_kind, mean_lines
 from dofbench.reporting.how_made import commit_text, machine_text
@@ -14,9 +17,6 @@ from dofbench.reporting.points_seen import points_facts
 from dofbench.reporting.summary import Line
 from dofbench.reporting.verdict import HEADLINES, verdicts
 from dofbench.reporting.view import Cell, Heading, Table
-from dofbench.results.collecting import Collection, Entry
-from dofbench.results.columns import COLUMNS
-from dofbench.running.method_cards import find_method, method_files
 
 _SCORED_ON = {"psnr": "refocused", "aif_psnr": "all in focus"}
 _PHOTOGRAPHS = "of photographs, fitted on half of each"

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dofbench.results.protocol import arithmetic_mean
+from dofbench.evaluation.results.protocol import arithmetic_mean
 
 SIGNIFICANT = 0.05
 FEWEST = 6  # fewest pairs for which p can be below `SIGNIFICANT`: 2 ** (1 - 6) = 0.031

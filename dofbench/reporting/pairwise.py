@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from dofbench.core.evidence import ROLE_NOT_STATED
+from dofbench.evaluation.results.collecting import Entry, grouped
+from dofbench.evaluation.results.columns import ALL_IN_FOCUS, COLUMNS, DEPTH, LENS, PHOTOGRAPH, REFOCUS
+from dofbench.evaluation.results.protocol import arithmetic_mean
 from dofbench.reporting import standing, table_cells
 from dofbench.reporting.boards import Board, Variant, by_kind, mean_name
 from dofbench.reporting.differences import Compared, adjusted, compare
 from dofbench.reporting.paired import EXPLANATION
 from dofbench.reporting.records import Records
 from dofbench.reporting.view import Heading, Paragraph, Section, Table
-from dofbench.results.collecting import Entry, grouped
-from dofbench.results.columns import ALL_IN_FOCUS, COLUMNS, DEPTH, LENS, PHOTOGRAPH, REFOCUS
-from dofbench.results.protocol import arithmetic_mean
 
 Seeds = dict[Variant, list[Entry]]  # the seeds of each variant on one dataset
 

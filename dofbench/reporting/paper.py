@@ -11,7 +11,7 @@ from functools import cache
 from typing import Any, TypeVar
 
 from dofbench.core.content import content_folder
-from dofbench.results.protocol import AIF_PREFIX
+from dofbench.evaluation.results.protocol import AIF_PREFIX
 
 T = TypeVar("T")
 

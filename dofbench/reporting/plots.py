@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from statistics import fmean
 
 from dofbench.core.evidence import ROLE_WORDS, Role
+from dofbench.evaluation.results.collecting import Entry, grouped
+from dofbench.evaluation.results.columns import COLUMNS, Column
 from dofbench.reporting import standing
 from dofbench.reporting.boards import Board, by_kind, mean_name
 from dofbench.reporting.pareto import FrontPoint, front_of
 from dofbench.reporting.reach import levels
 from dofbench.reporting.series import Series, curve_columns, mean_series, series_of
-from dofbench.results.collecting import Entry, grouped
-from dofbench.results.columns import COLUMNS, Column
 
 
 @dataclass(frozen=True)

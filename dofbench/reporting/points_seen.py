@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from dofbench.dataset.points_record import PointsRecord, points_in_words
+from dofbench.datasets.format.points_record import PointsRecord, points_in_words
+from dofbench.evaluation.results.collecting import Entry
 from dofbench.reporting.view import Table
-from dofbench.results.collecting import Entry
 
 
 def points_of(entries: Sequence[Entry]) -> PointsRecord | None:

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dofbench.core.errors import InputError, Status
+from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.reporting.series import Point, Run, Series
-from dofbench.results.columns import COLUMNS
 
 RULE = (
     "A score counts as reached at the first scored moment that shows it; nothing is interpolated between two moments. "

@@ -12,21 +12,21 @@ from rich.console import Console
 from dofbench.core.errors import InputError
 from dofbench.core.files import write_text
 from dofbench.core.progress import say
+from dofbench.evaluation.figures import file_name
+from dofbench.evaluation.results.collecting import board_names, collect, variant_names
+from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.reporting.ablations.document_files import read_documents
 from dofbench.reporting.boards import Board, gather
 from dofbench.reporting.build_report import Key, build_report
 from dofbench.reporting.comparison import write_strip
 from dofbench.reporting.csv_writer import write_records
 from dofbench.reporting.curves import write_curves
-from dofbench.reporting.figures import file_name
 from dofbench.reporting.gallery import BoardPictures, gallery
 from dofbench.reporting.html.html_page import report_page
 from dofbench.reporting.markdown_report import leaderboard_markdown
 from dofbench.reporting.plots import make_plots, mean_plots
 from dofbench.reporting.report_options import Report
 from dofbench.reporting.view import Picture
-from dofbench.results.collecting import board_names, collect, variant_names
-from dofbench.results.columns import COLUMNS
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 from dofbench.core.evidence import ROLE_NOT_STATED
+from dofbench.evaluation.results.collecting import Entry, added_columns, board_names, grouped, variant_names
+from dofbench.evaluation.results.columns import (
+    ALL_IN_FOCUS,
+    DEPTH,
+    FILE_SCORES,
+    IDENTITY,
+    LENS,
+    PHOTOGRAPH,
+    REFOCUS,
+    STANDING,
+)
 from dofbench.reporting.records import Records
 from dofbench.reporting.standing import frozen_state, role_of
-from dofbench.results.collecting import Entry, added_columns, board_names, grouped, variant_names
-from dofbench.results.columns import ALL_IN_FOCUS, DEPTH, FILE_SCORES, IDENTITY, LENS, PHOTOGRAPH, REFOCUS, STANDING
 
 CURVE_SCORES = ("psnr", "ssim", "aif_psnr", "aif_ssim", "delta_a", "delta_f", "delta_r")
 CURVE_COLUMNS = (

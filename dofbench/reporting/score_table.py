@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.reporting import standing, table_cells
 from dofbench.reporting.footnotes import one_line
 from dofbench.reporting.summary import Line, best_texts, empty_columns
 from dofbench.reporting.view import Cell, Heading, Table
-from dofbench.results.columns import COLUMNS
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from dofbench.core.errors import Status
+from dofbench.evaluation.figures import LOOKS
+from dofbench.evaluation.results.collecting import Entry, grouped
+from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.reporting import standing
-from dofbench.reporting.figures import LOOKS
-from dofbench.results.collecting import Entry, grouped
-from dofbench.results.columns import COLUMNS
 
 Point = tuple[float, float]  # (training seconds, score)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from dofbench.core.evidence import PHOTOGRAPHERS, ROLES, Photographer, Role
-from dofbench.results.collecting import Entry
-from dofbench.running.frozen_presets import State, state_of
+from dofbench.evaluation.results.collecting import Entry
+from dofbench.methods.frozen_presets import State, state_of
 
 DEVELOPMENT, NOT_FROZEN, CHANGED, OTHER_BUDGET = "†", "‡", "§", "¶"
 # Sign -> the line below every table that has it, in this order

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from dofbench.core.errors import Status
-from dofbench.results.collecting import Entry
-from dofbench.results.columns import ALL_IN_FOCUS, COLUMNS, EXIF, PHOTOGRAPH, REFOCUS, SCORES
-from dofbench.results.protocol import DEPTH_COLUMNS, PROTOCOLS, arithmetic_mean
+from dofbench.evaluation.results.collecting import Entry
+from dofbench.evaluation.results.columns import ALL_IN_FOCUS, COLUMNS, EXIF, PHOTOGRAPH, REFOCUS, SCORES
+from dofbench.evaluation.results.protocol import DEPTH_COLUMNS, PROTOCOLS, arithmetic_mean
 
 DO_NOTHING = "do nothing (Â = F̂ = 0.5)"
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
+from dofbench.evaluation.results.columns import COLUMNS, Column
 from dofbench.reporting.differences import Compared
 from dofbench.reporting.summary import Statistic
 from dofbench.reporting.view import GAP, Cell, DifferenceTest, Heading
-from dofbench.results.columns import COLUMNS, Column
 
 _PUBLISHED_DIGITS = 3  # decimals of a printed SSIM
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from dofbench.core.errors import InputError
-from dofbench.dataset.dataset import Dataset, DatasetView
-from dofbench.results.collecting import Entry
+from dofbench.datasets.format.dataset import Dataset, DatasetView
+from dofbench.evaluation.results.collecting import Entry
+from dofbench.evaluation.scoring.evaluate import Kind
 from dofbench.running.load_run import LoadedRun, loaded
-from dofbench.scoring.evaluate import Kind
 
 
 def find_dataset(entries: Iterable[Entry]) -> tuple[Dataset | None, str]:

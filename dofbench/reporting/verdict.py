@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from dofbench.evaluation.results.collecting import Entry
 from dofbench.reporting import table_cells
 from dofbench.reporting.boards import Variant
 from dofbench.reporting.differences import compare
 from dofbench.reporting.summary import Line
 from dofbench.reporting.view import Cell
-from dofbench.results.collecting import Entry
 
 # What a table can be the best at: refocusing, sharp views, and photographs of an unknown lens or of another aperture.
 # Ranked by the first of the columns that a row has.

@@ -1,4 +1,4 @@
 """Running a method on a dataset under a protocol, and the result that it leaves.
 
-Nothing is imported here: the command line reads `dofbench.results.run_spec` alone.
+Nothing is imported here: the command line reads `dofbench.evaluation.results.run_spec` alone.
 """

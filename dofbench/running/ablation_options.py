@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dofbench.core.errors import InputError
-from dofbench.results.run_spec import CallOptions, SeveralOptions, command_line
+from dofbench.evaluation.results.run_spec import CallOptions, SeveralOptions, command_line
 from dofbench.running.budget_options import OneBudget
 
 

@@ -11,9 +11,9 @@ from typing import Any
 from dofbench.core.errors import InputError
 from dofbench.core.evidence import Photographer, Role
 from dofbench.core.files import canonical_json, sha256_text
-from dofbench.dataset.dealing import Dealt
-from dofbench.results.lens_columns import lens_words
-from dofbench.results.run_spec import Run, parse_overrides
+from dofbench.datasets.format.dealing import Dealt
+from dofbench.evaluation.results.lens_columns import lens_words
+from dofbench.evaluation.results.run_spec import Run, parse_overrides
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_tables import TUNING, Declaration, Row, Table, chosen_tables
 from dofbench.running.plan import dealt_lenses

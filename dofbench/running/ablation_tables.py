@@ -9,11 +9,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from dofbench.core.errors import InputError
 from dofbench.core.readable import read_toml
-from dofbench.dataset.dealing import Dealt
-from dofbench.dataset.inputs import Inputs
-from dofbench.results.columns import COLUMNS
-from dofbench.results.lens_columns import HELD_OUT
-from dofbench.running.method_cards import find_method
+from dofbench.datasets.format.dealing import Dealt
+from dofbench.datasets.format.inputs import Inputs
+from dofbench.evaluation.results.columns import COLUMNS
+from dofbench.evaluation.results.lens_columns import HELD_OUT
+from dofbench.methods.cards import find_method
 
 # Id of the table whose rows are the variants that a method's presets were chosen among, as many for every method. It is
 # run on development scenes alone.
@@ -46,7 +46,7 @@ class Row(_Strict):
 class Table(_Strict):
     """One table.
 
-    columns: scores by id (`dofbench.results.columns`). switches: columns that say what a row has. reference: label
+    columns: scores by id (`evaluation.results.columns`). switches: columns that say what a row has. reference: label
     of the row that the others are compared with. source: where the paper's figures stand; paper_data: what they were
     measured on. inputs: as of `dofbench run`; one for all rows, as protocols never share a table. assign: it takes
     the datasets whose lenses are dealt so (`make-dataset --assign`), or unknown, and no others; held-out ones stand

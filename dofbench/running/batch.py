@@ -8,15 +8,15 @@ from typing import Any
 
 from rich.console import Console
 
-from dofbench.compute.devices import count
 from dofbench.core.errors import Status
 from dofbench.core.jobs import Executor, Outcome, Watcher
-from dofbench.core.processes import LocalProcesses
 from dofbench.core.progress import Several
 from dofbench.running.ended_runs import Ended
 from dofbench.running.planned_runs import PlannedRun
 from dofbench.running.run_jobs import run_job, shown_job
 from dofbench.running.time_estimate import expected, finished_results, time_to_go
+from dofbench.runtime.devices import count
+from dofbench.runtime.processes import LocalProcesses
 
 
 def processes_for(runs: Sequence[PlannedRun], workers: int) -> LocalProcesses:

@@ -8,15 +8,15 @@ from pathlib import Path
 
 from dofbench.core.errors import InputError, Status
 from dofbench.core.files import files_below, sha256_file, temporaries
-from dofbench.core.leases import at_work, leased_folders
-from dofbench.results.added_scores import ADDED_FILE, read_added
-from dofbench.results.result import RESULT_FILE, Result, read_result
+from dofbench.evaluation.results.added_scores import ADDED_FILE, read_added
+from dofbench.evaluation.results.result import RESULT_FILE, Result, read_result
+from dofbench.evaluation.scoring.evaluate import PREFIX
+from dofbench.evaluation.scoring.result_consistency import added_inconsistencies, inconsistencies
 from dofbench.running.execution import TRAINED_FILE
 from dofbench.running.load_run import load_run
 from dofbench.running.recomputed import differences
+from dofbench.runtime.leases import at_work, leased_folders
 from dofbench.scenes.named.roles import contradiction
-from dofbench.scoring.evaluate import PREFIX
-from dofbench.scoring.result_consistency import added_inconsistencies, inconsistencies
 
 
 @dataclass(frozen=True)

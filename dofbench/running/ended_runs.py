@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from dofbench.core.errors import InputError
-from dofbench.core.leases import at_work
-from dofbench.results.collecting import Entry, dead_entry, entry_of
-from dofbench.results.result import RESULT_FILE, read_result
+from dofbench.evaluation.results.collecting import Entry, dead_entry, entry_of
+from dofbench.evaluation.results.result import RESULT_FILE, read_result
 from dofbench.running.planned_runs import PlannedRun
+from dofbench.runtime.leases import at_work
 
 
 class Ended:

@@ -13,20 +13,17 @@ from functools import partial
 
 from rich.console import Console
 
-from dofbench.compute.device_host import feeding
 from dofbench.core.budget import Budget
 from dofbench.core.clock import StageTimes, timestamp
 from dofbench.core.contracts import Decision, FitOutcome, Method, TrainingSet
 from dofbench.core.errors import Ended, InputError, Status, interruption, out_of_memory
 from dofbench.core.files import read_json, refuse_links_outside, sha256_file, write_json
-from dofbench.core.leases import Lease
 from dofbench.core.progress import say
-from dofbench.core.supervised import on_death, supervised
-from dofbench.metrics import METRICS
-from dofbench.results import provenance
-from dofbench.results.added_scores import ADDED_FILE
-from dofbench.results.dead_result import record_out_of_memory
-from dofbench.results.result import (
+from dofbench.evaluation.metrics import METRICS
+from dofbench.evaluation.results import provenance
+from dofbench.evaluation.results.added_scores import ADDED_FILE
+from dofbench.evaluation.results.dead_result import record_out_of_memory
+from dofbench.evaluation.results.result import (
     MODEL_FOLDER,
     PREDICTIONS_FOLDER,
     RESULT_FILE,
@@ -38,12 +35,15 @@ from dofbench.results.result import (
     StageTime,
     write_result,
 )
+from dofbench.evaluation.scoring.evaluate import Evaluation, Evaluator
 from dofbench.running.observer import OneStep, Report, TrainingObserver
 from dofbench.running.plan import decided, revised
 from dofbench.running.prepare import Prepared
 from dofbench.running.run_progress import print_result, still_alive
 from dofbench.running.warm_up import miniature
-from dofbench.scoring.evaluate import Evaluation, Evaluator
+from dofbench.runtime.device_host import feeding
+from dofbench.runtime.leases import Lease
+from dofbench.runtime.supervised import on_death, supervised
 
 ProgressBar = Callable[[Console, Budget], AbstractContextManager[Report]]
 
@@ -336,7 +336,7 @@ class Execution:
 
 def kernels_compiled() -> int:
     """Kernels that this process has compiled so far; none where their machine code lay on disk."""
-    cache = sys.modules.get("dofbench.compute.kernel_cache")
+    cache = sys.modules.get("dofbench.runtime.kernel_cache")
     return cache.compiled() if cache else 0
 
 

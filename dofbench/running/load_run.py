@@ -14,8 +14,8 @@ from dofbench.core.errors import InputError
 
 if TYPE_CHECKING:
     from dofbench.core.contracts import Method
-    from dofbench.dataset.dataset import Dataset
-    from dofbench.results.result import Result
+    from dofbench.datasets.format.dataset import Dataset
+    from dofbench.evaluation.results.result import Result
 
 _ABOVE = 5  # folders above a result in which its dataset is looked for
 
@@ -34,7 +34,7 @@ class LoadedRun:
     @cached_property
     def dataset(self) -> Dataset:
         """The dataset that the run was made on. Raises InputError when it isn't in `data`, or another one is."""
-        from dofbench.dataset.dataset import Dataset
+        from dofbench.datasets.format.dataset import Dataset
 
         dataset, spec = Dataset.load(self.data), self.result.spec
         if dataset.checksum != spec.dataset_checksum:
@@ -52,8 +52,8 @@ class LoadedRun:
         Raises InputError when the run kept no model, when a file of it isn't the one that was kept, or when its method
         isn't installed. What the method's own code raises at a model that it can't read, it raises.
         """
-        from dofbench.results.result import MODEL_FOLDER
-        from dofbench.running.method_cards import find_method
+        from dofbench.evaluation.results.result import MODEL_FOLDER
+        from dofbench.methods.cards import find_method
 
         if reason := self.no_model():
             raise InputError(self.folder, reason, "the model as `dofbench run` kept it")
@@ -64,7 +64,7 @@ class LoadedRun:
 
     def no_model(self) -> str:
         """Why the model isn't there as it was kept, one line; "" where it is."""
-        from dofbench.results.result import MODEL_FOLDER
+        from dofbench.evaluation.results.result import MODEL_FOLDER
 
         if not (self.folder / MODEL_FOLDER).is_dir():
             return "the run kept no model"
@@ -74,7 +74,7 @@ class LoadedRun:
         return ""
 
     def prediction(self, kind: str, view: str) -> Path:
-        """The kept picture of a test view. kind: as in `dofbench.scoring.evaluate.Kind`.
+        """The kept picture of a test view. kind: as in `dofbench.evaluation.scoring.evaluate.Kind`.
 
         Raises InputError when the result has none, or the file isn't the one that was scored.
         """
@@ -98,7 +98,7 @@ def load_run(folder: Path | str, data: Path | None = None) -> LoadedRun:
     data: where the dataset is now; None to look for it (`find_data`). Raises InputError when there is no readable
     result.
     """
-    from dofbench.results.result import read_result
+    from dofbench.evaluation.results.result import read_result
 
     folder = Path(folder)
     folder = folder.parent if folder.is_file() else folder
@@ -117,7 +117,7 @@ def find_data(folder: Path, result: Result) -> Path:
     Where there is none, the path that the result says.
     """
     from dofbench.core.files import sha256_file
-    from dofbench.dataset.schema import MANIFEST
+    from dofbench.datasets.format.schema import MANIFEST
 
     said, here = Path(result.data), folder.resolve()
     above = [here, *here.parents][: _ABOVE + 1]

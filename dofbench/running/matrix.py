@@ -11,7 +11,7 @@ from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
 from dofbench.core.jobs import Executor, ThisProcess
 from dofbench.core.progress import say
-from dofbench.results.run_spec import Run
+from dofbench.evaluation.results.run_spec import Run
 from dofbench.running.batch import Batch, processes_for
 from dofbench.running.one_run import show_finished
 from dofbench.running.planned_runs import PlannedRun, different_datasets

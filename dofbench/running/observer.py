@@ -10,7 +10,7 @@ from dofbench.core.budget import Budget
 from dofbench.core.clock import Stopwatch
 from dofbench.core.contracts import NonFinite
 from dofbench.core.errors import Status
-from dofbench.results.result import CurvePoint
+from dofbench.evaluation.results.result import CurvePoint
 
 CURVE_FACTOR = 1.6  # ratio of two neighbouring evaluation times
 CURVE_POINTS = 14  # thresholds below the whole budget: the first is at 1.6^-14, 0.14 % of it

@@ -7,18 +7,18 @@ from pathlib import Path
 
 from rich.console import Console
 
-from dofbench.compute.freed_memory import keep_freed_memory
 from dofbench.core.clock import StageTimes, loading, timestamp
 from dofbench.core.errors import InputError, Status
 from dofbench.core.progress import say
-from dofbench.results.result import Result
-from dofbench.results.run_lease import run_lease
-from dofbench.results.run_spec import Run
+from dofbench.evaluation.results.result import Result
+from dofbench.evaluation.results.run_lease import run_lease
+from dofbench.evaluation.results.run_spec import Run
 from dofbench.running.execution import IMPORT, TRAINED_FILE, Execution, ProgressBar, kernels_compiled
 from dofbench.running.plan import decided
 from dofbench.running.planned_runs import PlannedRun
 from dofbench.running.prepare import prepare
 from dofbench.running.run_progress import TrainingProgress, print_result
+from dofbench.runtime.freed_memory import keep_freed_memory
 
 
 @dataclass(frozen=True)

@@ -10,15 +10,22 @@ import numpy as np
 
 from dofbench.core.contracts import Decision
 from dofbench.core.errors import InputError
-from dofbench.dataset.benchmark_dataset import BenchmarkDataset
-from dofbench.dataset.points_record import PointsRecord, points_in_words
-from dofbench.results.protocol import BY_BLUR, EXIF_COLUMNS, EXIF_FOCUS_COLUMNS, LENS_COLUMNS, OF_LENSES, Protocol
-from dofbench.running.facts import Facts
-from dofbench.running.method_cards import Card, MethodEntry
-from dofbench.running.stage_deciders import DECIDERS, Asked
-from dofbench.scoring.exif_scores import asked_by_exif, missing_exif, missing_exif_focus
-from dofbench.scoring.ground_truth import NO_TEST_VIEWS, MissingTruth, missing_truth
-from dofbench.scoring.resolved import RESOLVED_COLUMN
+from dofbench.datasets.format.benchmark_dataset import BenchmarkDataset
+from dofbench.datasets.format.points_record import PointsRecord, points_in_words
+from dofbench.evaluation.results.protocol import (
+    BY_BLUR,
+    EXIF_COLUMNS,
+    EXIF_FOCUS_COLUMNS,
+    LENS_COLUMNS,
+    OF_LENSES,
+    Protocol,
+)
+from dofbench.evaluation.scoring.exif_scores import asked_by_exif, missing_exif, missing_exif_focus
+from dofbench.evaluation.scoring.ground_truth import NO_TEST_VIEWS, MissingTruth, missing_truth
+from dofbench.evaluation.scoring.resolved import RESOLVED_COLUMN
+from dofbench.methods.cards import Card, MethodEntry
+from dofbench.methods.stages.facts import Facts
+from dofbench.methods.stages.stage_deciders import DECIDERS, Asked
 
 TRIED = "whether that helps is tried while training"
 

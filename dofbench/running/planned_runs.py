@@ -10,9 +10,9 @@ from typing import Any
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
-from dofbench.dataset.dataset import Dataset
-from dofbench.results.result import Spec
-from dofbench.results.run_spec import Run
+from dofbench.datasets.format.dataset import Dataset
+from dofbench.evaluation.results.result import Spec
+from dofbench.evaluation.results.run_spec import Run
 from dofbench.running.plan import RunPlan
 
 
@@ -22,7 +22,7 @@ class PlannedRun:
     decides its result. plan: what it does and leaves out. folder: where its result goes. options: all that the method
     runs with, its defaults too, where it says so (as its `options`, a dataclass); else those of the spec. view_pixels:
     of a training view, on average. choices: digest of all that preset and call chose, before the dataset changed
-    anything (`dofbench.running.frozen_presets`)."""
+    anything (`dofbench.methods.frozen_presets`)."""
 
     settings: Run
     data: Path

@@ -11,20 +11,20 @@ from dofbench.core.budget import Budget
 from dofbench.core.clock import loading
 from dofbench.core.contracts import Method
 from dofbench.core.lens import framed_alike
-from dofbench.dataset.benchmark_dataset import BenchmarkDataset
-from dofbench.dataset.dataset import Dataset
-from dofbench.dataset.inputs import Inputs
-from dofbench.learning.content_options import content_digests
-from dofbench.results import provenance
-from dofbench.results.protocol import Protocol, protocol_for
-from dofbench.results.result import RESULT_FILE, Result, Spec, read_result
-from dofbench.results.run_spec import Run, parse_overrides
-from dofbench.running.facts import Facts, facts_of
-from dofbench.running.frozen_presets import choices_digest
-from dofbench.running.method_cards import MethodEntry, find_method, preset_budget
+from dofbench.datasets.format.benchmark_dataset import BenchmarkDataset
+from dofbench.datasets.format.dataset import Dataset
+from dofbench.datasets.format.inputs import Inputs
+from dofbench.evaluation.results import provenance
+from dofbench.evaluation.results.protocol import Protocol, protocol_for
+from dofbench.evaluation.results.result import RESULT_FILE, Result, Spec, read_result
+from dofbench.evaluation.results.run_spec import Run, parse_overrides
+from dofbench.evaluation.scoring.ground_truth import photograph_columns
+from dofbench.methods.cards import MethodEntry, find_method, preset_budget
+from dofbench.methods.frozen_presets import choices_digest
+from dofbench.methods.stages.facts import Facts, facts_of
 from dofbench.running.plan import make_plan
 from dofbench.running.planned_runs import PlannedRun
-from dofbench.scoring.ground_truth import photograph_columns
+from dofbench.training.common.content_options import content_digests
 
 
 @dataclass(frozen=True)

@@ -14,16 +14,16 @@ import numpy as np
 from dofbench.core.errors import Status
 from dofbench.core.images import read_image
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
-from dofbench.dataset.dataset import Dataset, DatasetView
-from dofbench.metrics import METRICS, score_image
-from dofbench.metrics.lens_errors import do_nothing_errors, lens_errors
-from dofbench.results.added_scores import read_added
-from dofbench.results.protocol import ACROSS_COLUMNS, LENS_COLUMNS
-from dofbench.results.result import Result
+from dofbench.datasets.format.dataset import Dataset, DatasetView
+from dofbench.evaluation.metrics import METRICS, score_image
+from dofbench.evaluation.metrics.lens_errors import do_nothing_errors, lens_errors
+from dofbench.evaluation.results.added_scores import read_added
+from dofbench.evaluation.results.protocol import ACROSS_COLUMNS, LENS_COLUMNS
+from dofbench.evaluation.results.result import Result
+from dofbench.evaluation.scoring.evaluate import CURVE_METRICS, PREFIX, WHOLE, Kind, true_depth
+from dofbench.evaluation.scoring.photograph_scores import BLURRED, CLEAR, blurred_thirds, picture_scores
+from dofbench.evaluation.scoring.photographs.image_tiles import masked_psnr
 from dofbench.running.load_run import LoadedRun
-from dofbench.scoring.evaluate import CURVE_METRICS, PREFIX, WHOLE, Kind, true_depth
-from dofbench.scoring.photograph_scores import BLURRED, CLEAR, blurred_thirds, picture_scores
-from dofbench.scoring.photographs.image_tiles import masked_psnr
 
 # The pictures hold exactly what was scored (8 bits), so only the order of summation may differ.
 PSNR_AGREEMENT = 1e-4  # dB

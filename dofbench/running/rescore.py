@@ -20,17 +20,17 @@ from dofbench.core.errors import InputError, Status
 from dofbench.core.files import files_below, sha256_file
 from dofbench.core.images import read_image, to_8bit
 from dofbench.core.progress import Terminal, say
-from dofbench.dataset.dataset import Dataset
-from dofbench.metrics import METRICS, score_image
-from dofbench.results import provenance
-from dofbench.results.added_scores import ADDED_VERSION, Added, AddedScore, read_added, write_added
-from dofbench.results.protocol import AIF_PREFIX, DEPTH_COLUMNS, arithmetic_mean
-from dofbench.results.result import RESULT_FILE, Result
-from dofbench.results.run_lease import run_lease
+from dofbench.datasets.format.dataset import Dataset
+from dofbench.evaluation.metrics import METRICS, score_image
+from dofbench.evaluation.results import provenance
+from dofbench.evaluation.results.added_scores import ADDED_VERSION, Added, AddedScore, read_added, write_added
+from dofbench.evaluation.results.protocol import AIF_PREFIX, DEPTH_COLUMNS, arithmetic_mean
+from dofbench.evaluation.results.result import RESULT_FILE, Result
+from dofbench.evaluation.results.run_lease import run_lease
+from dofbench.evaluation.scoring.evaluate import PREFIX, WHOLE, Kind, depth_scores, true_depth
+from dofbench.evaluation.scoring.ground_truth import missing_truth
+from dofbench.methods.cards import find_method
 from dofbench.running.load_run import LoadedRun, load_run
-from dofbench.running.method_cards import find_method
-from dofbench.scoring.evaluate import PREFIX, WHOLE, Kind, depth_scores, true_depth
-from dofbench.scoring.ground_truth import missing_truth
 
 SAME = 1e-6  # relative, between a score and the same one computed again from the same pictures
 SAME_LEVELS = 1  # of 255, between a kept picture and the kept model rendered again: float32 sums of another machine

@@ -11,11 +11,11 @@ from rich.console import Console
 
 from dofbench.core.budget import Budget
 from dofbench.core.jobs import FREED, Busy, Job, Report, Resources
-from dofbench.core.leases import HeldElsewhere, at_work
-from dofbench.results.result import read_result
-from dofbench.results.run_spec import Run
+from dofbench.evaluation.results.result import read_result
+from dofbench.evaluation.results.run_spec import Run
 from dofbench.running.one_run import run
 from dofbench.running.planned_runs import PlannedRun
+from dofbench.runtime.leases import HeldElsewhere, at_work
 
 _REPORT_EVERY = 2.0  # seconds
 

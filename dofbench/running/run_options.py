@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from dofbench.core.errors import InputError
-from dofbench.results.run_spec import Run, RunOptions, SeveralOptions
+from dofbench.evaluation.results.run_spec import Run, RunOptions, SeveralOptions
 from dofbench.running.budget_options import SeveralBudgets
 
 

@@ -16,7 +16,7 @@ from rich.table import Table
 from dofbench.core.budget import Budget
 from dofbench.core.evidence import ROLE_SAYS
 from dofbench.core.time_left import ESTIMATING, Remaining
-from dofbench.results.result import Result
+from dofbench.evaluation.results.result import Result
 from dofbench.running.observer import Report, share_spent
 
 PLAIN_EVERY = 10.0  # seconds between two plain lines: a log stays readable, and shows that it is alive

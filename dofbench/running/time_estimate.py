@@ -10,9 +10,9 @@ from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
 from dofbench.core.files import files_below
 from dofbench.core.jobs import Resources
-from dofbench.results.protocol import PROTOCOLS
-from dofbench.results.result import RESULT_FILE, Result, read_result
-from dofbench.running.method_cards import Card, find_method
+from dofbench.evaluation.results.protocol import PROTOCOLS
+from dofbench.evaluation.results.result import RESULT_FILE, Result, read_result
+from dofbench.methods.cards import Card, find_method
 from dofbench.running.planned_runs import PlannedRun
 
 # Seconds on two cores: a pixel of a test view, scored at the end, and along the training. A photograph of unknown lens

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from dofbench.core.contracts import PointCloud
-from dofbench.scenes.colmap import Model
 from dofbench.scenes.local_frame import AnotherFrame
-from dofbench.scenes.name_match import ImageNames
-from dofbench.scenes.poses import invert, rigid
+from dofbench.scenes.readers.colmap import Model
+from dofbench.scenes.readers.name_match import ImageNames
+from dofbench.scenes.readers.poses import invert, rigid
 
 # Poses that were refined after structure from motion differ from its by less, and points still fit them.
 _DEGREES, _OFFSET = 5.0, 0.1

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from dofbench.scenes.folders import choose_folder, image_files, image_folders
+from dofbench.scenes.readers.folders import choose_folder, image_files, image_folders
 
 _KIND = (
     "masks?|depths?|depth_?maps?|conf|confs|confidences?|confidence_?maps?|normals?|normal_?maps?|disparity|disparities|"

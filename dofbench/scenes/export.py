@@ -17,8 +17,8 @@ from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.core.files import TEMPORARY, refused, replacing, write_json
 from dofbench.core.images import to_8bit
-from dofbench.scenes.colmap_files import check_binary
-from dofbench.scenes.poses import opencv_to_llff, opengl_to_opencv
+from dofbench.scenes.readers.colmap_files import check_binary
+from dofbench.scenes.readers.poses import opencv_to_llff, opengl_to_opencv
 from dofbench.scenes.scene import Split
 
 _MODEL_FILES = ("cameras.bin", "images.bin", "points3D.bin")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from dofbench.core.errors import InputError
 from dofbench.core.masks import has_alpha, read_opaque
-from dofbench.scenes.folders import IMAGE_SUFFIXES, image_files, listed
+from dofbench.scenes.readers.folders import IMAGE_SUFFIXES, image_files, listed
 from dofbench.scenes.scene import Alpha, Scene, SceneView
 from dofbench.scenes.scene_masks import MaskOnDisk, check_size
 from dofbench.scenes.views import ImageOnDisk

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench.core.coding import USUAL, Coding
 from dofbench.core.errors import InputError
+from dofbench.core.image_files.coding import USUAL, Coding
 from dofbench.core.images import read_coded
 from dofbench.core.lens import GAMMA
 from dofbench.optics.tone import encode

@@ -9,12 +9,12 @@ from pathlib import Path
 from dofbench.core.aligned import aligned
 from dofbench.core.errors import InputError
 from dofbench.core.evidence import ROLE_NOT_STATED
-from dofbench.scenes.folders import MissingImages
 from dofbench.scenes.loading import LAYOUTS, load_scene
 from dofbench.scenes.named import NamedDataset, find_data_root, named_datasets, scenes_of
 from dofbench.scenes.named.places import VARIABLE, what_to_put
 from dofbench.scenes.named.presence import Presence, inspect
-from dofbench.scenes.pose_checks import unchecked
+from dofbench.scenes.readers.folders import MissingImages
+from dofbench.scenes.readers.pose_checks import unchecked
 from dofbench.scenes.scene import SceneView
 
 

@@ -10,17 +10,17 @@ from pathlib import Path
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json
-from dofbench.scenes import colmap
-from dofbench.scenes.colmap_places import PLACES, scene_folder
 from dofbench.scenes.companions import photographs_of
-from dofbench.scenes.folders import contents, image_files, listed, marked_hold
 from dofbench.scenes.found_masks import ALPHAS, with_masks
 from dofbench.scenes.local_frame import AnotherFrame
 from dofbench.scenes.marked_sharp import marked_are_sharper
-from dofbench.scenes.nerfstudio import LISTS, listed_split
-from dofbench.scenes.pose_checks import checked_poses, unchecked
+from dofbench.scenes.readers import colmap
+from dofbench.scenes.readers.colmap_places import PLACES, scene_folder
+from dofbench.scenes.readers.folders import contents, image_files, listed, marked_hold
+from dofbench.scenes.readers.nerfstudio import LISTS, listed_split
+from dofbench.scenes.readers.pose_checks import checked_poses, unchecked
+from dofbench.scenes.readers.split_files import split_by
 from dofbench.scenes.scene import Alpha, Scene
-from dofbench.scenes.split_files import split_by
 from dofbench.scenes.views import by_marker
 
 # In the order of detection. transforms.json says most (a camera a view, distortion, depth, split);

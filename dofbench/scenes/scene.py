@@ -12,7 +12,7 @@ import numpy as np
 from dofbench.core.cameras import NO_OFFSET, Camera, Offset
 from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.core.errors import InputError
-from dofbench.core.exif import Exif
+from dofbench.core.image_files.exif import Exif
 from dofbench.scenes.visibility import unmasked_points
 
 Split = Literal["train", "test"]

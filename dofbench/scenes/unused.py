@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from dofbench.core.contracts import PointCloud
-from dofbench.scenes.folders import MatchedFiles, image_files, is_scaled, listed
+from dofbench.scenes.readers.folders import MatchedFiles, image_files, is_scaled, listed
 
 
 def without_pose(folder: Path, used: Iterable[Path], poses: object) -> str:

@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 
 from dofbench.core.cameras import Offset
-from dofbench.core.coding import Coding
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
+from dofbench.core.image_files.coding import Coding
 from dofbench.core.images import image_coding, image_size, resize
 from dofbench.core.masks import filled
 from dofbench.scenes.depth_files import read_depth
-from dofbench.scenes.exif_files import exif_by_file
-from dofbench.scenes.folders import marked_hold, scene_name, view_names
 from dofbench.scenes.light import coding_notes, for_display, read_values
 from dofbench.scenes.local_frame import AnotherFrame, localised
+from dofbench.scenes.readers.exif_files import exif_by_file
+from dofbench.scenes.readers.folders import marked_hold, scene_name, view_names
+from dofbench.scenes.readers.split_files import split_by_files, split_sources, unread_note
 from dofbench.scenes.scene import Scene, SceneView, Split
 from dofbench.scenes.scene_masks import MaskOnDisk, check_size
-from dofbench.scenes.split_files import split_by_files, split_sources, unread_note
 from dofbench.scenes.undistort import Intrinsics, sample_depth, undistort_image, undistorted
 
 # Sizes rounded down a pyramid leave the aspect ratio off by a pixel: 1 % is more than that, and less than a crop.

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.optim.adam import adam as step_of_torch
 
-from dofbench.compute.backend import Backend
+from dofbench.runtime.backend import Backend
 
 from .reference import BETAS, checked
 

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.gpu_launch import check_tensors, kernels, launch
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.gpu_launch import check_tensors, kernels, launch
 
 from .reference import BETAS, Moved, checked
 

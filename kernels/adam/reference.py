@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from dofbench.compute.backend import Backend
+from dofbench.runtime.backend import Backend
 
 BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
 BETAS = (0.9, 0.999)

@@ -8,8 +8,8 @@ from numba import njit, prange
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.kernel_cache import cached, is_compiled
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.kernel_cache import cached, is_compiled
 
 _PIECE = 2048  # pixels a task, whatever the number of threads, so that sums have the same bits
 

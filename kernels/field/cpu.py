@@ -9,11 +9,11 @@ import torch
 from numba import njit, prange
 from torch import Tensor
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.factored_grid import FieldRender, GridShape, RaySamples
-from dofbench.compute.kernel_cache import cached, is_compiled
-from dofbench.compute.simd import LANES, sums8
-from dofbench.compute.simd_memory import store8
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.factored_grid import FieldRender, GridShape, RaySamples
+from dofbench.runtime.kernel_cache import cached, is_compiled
+from dofbench.runtime.simd import LANES, sums8
+from dofbench.runtime.simd_memory import store8
 
 from . import cpu_grids, cpu_rays
 from .cpu_rays import KEPT, RAYS_PER_TASK, WEIGHT, feature_lanes, softplus8

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from numba import njit, prange
 
-from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd import LANES
-from dofbench.compute.simd_memory import load1, load8, store8
+from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.simd import LANES
+from dofbench.runtime.simd_memory import load1, load8, store8
 
 from .cpu_stencil import ONE, ZERO, cell, line8, plane8
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd import LANES, select8, splat8, sums8
-from dofbench.compute.simd_functions import exp8, log2_8, max8
-from dofbench.compute.simd_memory import load1, load8, store8
+from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.simd import LANES, select8, splat8, sums8
+from dofbench.runtime.simd_functions import exp8, log2_8, max8
+from dofbench.runtime.simd_memory import load1, load8, store8
 
 from .cpu_stencil import ONE, ZERO, product8, product_slopes8, stencil
 from .reference import LEAST_TRANSMITTANCE

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd_functions import floor_int
+from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.simd_functions import floor_int
 
 from .cpu_stencil import ONE, ZERO
 

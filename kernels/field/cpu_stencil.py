@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from dofbench.compute.simd_functions import floor_int
-from dofbench.compute.simd_memory import load8
+from dofbench.runtime.simd_functions import floor_int
+from dofbench.runtime.simd_memory import load8
 
 ZERO = np.float32(0.0)
 ONE = np.float32(1.0)

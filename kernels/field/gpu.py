@@ -10,9 +10,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.factored_grid import FieldRender, GridShape, RaySamples
-from dofbench.compute.gpu_launch import check_tensors, kernels, launch
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.factored_grid import FieldRender, GridShape, RaySamples
+from dofbench.runtime.gpu_launch import check_tensors, kernels, launch
 
 from .gpu_grid_gradient import Kept, gradients, sorted_by_cell, summed_at_nodes
 from .gpu_ray_inputs import SAMPLES, channels_of, check, group

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from dofbench.compute.factored_grid import GridShape
-from dofbench.compute.gpu_launch import kernels, launch
+from dofbench.runtime.factored_grid import GridShape
+from dofbench.runtime.gpu_launch import kernels, launch
 
 from .gpu_ray_inputs import SAMPLES, channels_of, group
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from dofbench.compute.factored_grid import GridShape
-from dofbench.compute.gpu_launch import check_tensors
+from dofbench.runtime.factored_grid import GridShape
+from dofbench.runtime.gpu_launch import check_tensors
 
 SAMPLES = 256  # of a program that has no channels in it
 

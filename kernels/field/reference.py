@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import softplus
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.factored_grid import MODES, FieldRender, GridShape, RaySamples
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.factored_grid import MODES, FieldRender, GridShape, RaySamples
 
 BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
 LEAST_TRANSMITTANCE = 1e-4  # samples behind so little light are left out, as in 3DGS

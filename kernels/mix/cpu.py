@@ -13,11 +13,11 @@ import torch
 from numba import njit, prange
 from torch import Tensor
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.kernel_cache import cached, is_compiled
-from dofbench.compute.simd import LANES
-from dofbench.compute.simd_functions import exp8
-from dofbench.compute.simd_memory import load8, store8
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.kernel_cache import cached, is_compiled
+from dofbench.runtime.simd import LANES
+from dofbench.runtime.simd_functions import exp8
+from dofbench.runtime.simd_memory import load8, store8
 
 from .reference import kernel_size
 

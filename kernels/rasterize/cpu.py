@@ -14,10 +14,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.kernel_cache import is_compiled
-from dofbench.compute.raster import GEOMETRIES, Geometry, Raster, ViewStatistics
 from dofbench.core.cameras import Camera
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.kernel_cache import is_compiled
+from dofbench.runtime.raster import GEOMETRIES, Geometry, Raster, ViewStatistics
 
 from . import cpu_layout as layout
 from .cpu_bin import depth_order, fill_tiles

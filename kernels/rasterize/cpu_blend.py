@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd import LANES, any8, lanes8, select8, splat8, sums8
-from dofbench.compute.simd_functions import abs8, exp2_fast8, max8, min8
-from dofbench.compute.simd_memory import load1, load8, prefetch, store8
+from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.simd import LANES, any8, lanes8, select8, splat8, sums8
+from dofbench.runtime.simd_functions import abs8, exp2_fast8, max8, min8
+from dofbench.runtime.simd_memory import load1, load8, prefetch, store8
 
 from . import cpu_layout as layout
 from . import cpu_tiles as planes

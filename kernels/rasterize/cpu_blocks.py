@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from dofbench.compute.simd import LANES
+from dofbench.runtime.simd import LANES
 
 # Number of parts into which the Gaussians are divided for threads: enough for many threads, with negligible overhead.
 CHUNKS = 64

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from dofbench.compute.simd import select8
-from dofbench.compute.simd_functions import abs8, exp8, max8, min8, sqrt8
-from dofbench.compute.simd_memory import gather8, load8
+from dofbench.runtime.simd import select8
+from dofbench.runtime.simd_functions import abs8, exp8, max8, min8, sqrt8
+from dofbench.runtime.simd_memory import gather8, load8
 
 from . import cpu_layout as layout
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from dofbench.compute.simd import LANES, mask8_of, select8, splat8
-from dofbench.compute.simd_functions import exp8, sqrt8
-from dofbench.compute.simd_memory import gather8, load8, scatter8, store8
+from dofbench.runtime.simd import LANES, mask8_of, select8, splat8
+from dofbench.runtime.simd_functions import exp8, sqrt8
+from dofbench.runtime.simd_memory import gather8, load8, scatter8, store8
 
 from . import cpu_layout as layout
 from .cpu_footprint import (

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from dofbench.compute.simd import LANES
+from dofbench.runtime.simd import LANES
 
 # Tiles are one vector wide, since wider ones waste lanes at the sides of small Gaussians, and have as many pixels as 16
 # x 16.

@@ -17,11 +17,11 @@ import torch
 from numba import njit, prange
 from torch import Tensor
 
-from dofbench.compute.kernel_cache import cached
-from dofbench.compute.raster import ViewStatistics
-from dofbench.compute.simd import LANES
-from dofbench.compute.simd_memory import load8, store8
 from dofbench.core.cameras import Camera
+from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.raster import ViewStatistics
+from dofbench.runtime.simd import LANES
+from dofbench.runtime.simd_memory import load8, store8
 
 from . import cpu_layout as layout
 from .cpu_bin import count_tiles, depth_order, fill_tiles

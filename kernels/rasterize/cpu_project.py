@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd import LANES, any8, bits8, select8, splat8
-from dofbench.compute.simd_functions import exp8, floor8, log2_8, max8, min8, sqrt8
-from dofbench.compute.simd_memory import gather8, load8, scatter8, store8
+from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.simd import LANES, any8, bits8, select8, splat8
+from dofbench.runtime.simd_functions import exp8, floor8, log2_8, max8, min8, sqrt8
+from dofbench.runtime.simd_memory import gather8, load8, scatter8, store8
 
 from . import cpu_layout as layout
 from .cpu_bin import count_tiles

@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd import LANES, splat8
-from dofbench.compute.simd_memory import load8, prefetch, store8
+from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.simd import LANES, splat8
+from dofbench.runtime.simd_memory import load8, prefetch, store8
 
 from . import cpu_layout as layout
 from .cpu_blocks import CHUNKS, tail_of, tails_of

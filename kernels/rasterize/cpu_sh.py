@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from dofbench.compute.simd import LANES, select8, splat8
-from dofbench.compute.simd_functions import sqrt8
-from dofbench.compute.simd_memory import gather8, load8, scatter8, store8
+from dofbench.runtime.simd import LANES, select8, splat8
+from dofbench.runtime.simd_functions import sqrt8
+from dofbench.runtime.simd_memory import gather8, load8, scatter8, store8
 
 TERMS = 16
 C0 = np.float32(0.28209479177387814)

@@ -14,10 +14,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.gpu_launch import kernels, kernels_device, launch
-from dofbench.compute.raster import GEOMETRIES, Geometry, Raster, ViewStatistics
 from dofbench.core.cameras import Camera
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.gpu_launch import kernels, kernels_device, launch
+from dofbench.runtime.raster import GEOMETRIES, Geometry, Raster, ViewStatistics
 
 from .gpu_gradient import gradients
 from .gpu_inputs import CHUNK, KEPT, TILE, Settings

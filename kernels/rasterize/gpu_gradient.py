@@ -8,8 +8,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from dofbench.compute.gpu_launch import kernels, launch
-from dofbench.compute.raster import ViewStatistics
+from dofbench.runtime.gpu_launch import kernels, launch
+from dofbench.runtime.raster import ViewStatistics
 
 from .gpu_inputs import Settings
 from .gpu_lists import Lists

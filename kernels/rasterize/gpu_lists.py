@@ -7,8 +7,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from dofbench.compute.gpu_launch import kernels, launch
 from dofbench.core.errors import InputError
+from dofbench.runtime.gpu_launch import kernels, launch
 
 from .gpu_inputs import BAD, RECORD, Settings, explain
 

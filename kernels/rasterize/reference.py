@@ -13,9 +13,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.raster import Geometry, Raster, ViewStatistics
 from dofbench.core.cameras import Camera
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.raster import Geometry, Raster, ViewStatistics
 
 BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
 MAX_ALPHA = 0.99

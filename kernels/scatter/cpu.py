@@ -8,9 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.kernel_cache import is_compiled
 from dofbench.core.lens import ALPHA, ApertureShape, Energy
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.kernel_cache import is_compiled
 
 from . import cpu_direct, cpu_direct_backward, cpu_linear, cpu_linear_backward
 from .cpu_pack import COLOURS, RATIONAL, brightness, edges, geometry, pack_sources

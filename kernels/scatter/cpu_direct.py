@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd import splat8
-from dofbench.compute.simd_memory import load8, store8
+from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.simd import splat8
+from dofbench.runtime.simd_memory import load8, store8
 
 from .cpu_edge import half_width, logistic2
 from .cpu_pack import BLOCK, COLOURS, EXPONENTIAL, PLANES, RATIONAL, SUMS, Edges, Geometry

@@ -19,9 +19,9 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd_memory import load8, store8
 from dofbench.core.lens import AREA_EPSILON
+from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.simd_memory import load8, store8
 
 from .cpu_edge import half_width, logistic2
 from .cpu_pack import BLOCK, COLOURS, PLANES, RATIONAL, SUMS, Edges, Geometry

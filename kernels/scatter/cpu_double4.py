@@ -1,6 +1,6 @@
 """Four float64 lanes as one numba value: three colours and a weight, accumulated together.
 
-`Float64x4` is LLVM's `<4 x double>`; like `Float32x8` of `dofbench.compute.simd`, for the running sums of the linear
+`Float64x4` is LLVM's `<4 x double>`; like `Float32x8` of `dofbench.runtime.simd`, for the running sums of the linear
 form, which would drift in float32. Values exist only inside compiled functions; `+ - *` work on them.
 """
 
@@ -14,7 +14,7 @@ from numba.core.typing import signature
 from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 from numba.np.arrayobj import make_array
 
-from dofbench.compute.simd import float32x8
+from dofbench.runtime.simd import float32x8
 
 _LANES = 4
 _DOUBLES = ir.VectorType(ir.DoubleType(), _LANES)

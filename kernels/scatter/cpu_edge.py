@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from dofbench.compute.simd_functions import exp2_fast8, max8, min8
+from dofbench.runtime.simd_functions import exp2_fast8, max8, min8
 
 _ONE = np.float32(1.0)
 _LIMIT = np.float32(100.0)  # 1 / (1 + 2 ** +-100) is 0 or 1 in float32

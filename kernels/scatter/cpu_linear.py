@@ -27,11 +27,11 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd import largest8, select8, splat8
-from dofbench.compute.simd_functions import abs8, exp2_fast8, floor8, max8, min8, sqrt8
-from dofbench.compute.simd_memory import load1, load8, store8, store_whole8
 from dofbench.core.lens import AREA_EPSILON
+from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.simd import largest8, select8, splat8
+from dofbench.runtime.simd_functions import abs8, exp2_fast8, floor8, max8, min8, sqrt8
+from dofbench.runtime.simd_memory import load1, load8, store8, store_whole8
 
 from .cpu_double4 import add_product4, add_row4, load4, splat4, splat_at4, store4, store_double8
 from .cpu_pack import COLOURS, Geometry

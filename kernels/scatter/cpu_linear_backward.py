@@ -15,11 +15,11 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd import any8, select8, splat8
-from dofbench.compute.simd_functions import floor8, max8, min8, sqrt8
-from dofbench.compute.simd_memory import load8, store8
 from dofbench.core.lens import AREA_EPSILON
+from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.simd import any8, select8, splat8
+from dofbench.runtime.simd_functions import floor8, max8, min8, sqrt8
+from dofbench.runtime.simd_memory import load8, store8
 
 from .cpu_double4 import load4, splat4, store4
 from .cpu_edge import half_width, logistic2

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from dofbench.compute.kernel_cache import cached
 from dofbench.core.lens import AREA_EPSILON, ApertureShape
+from dofbench.runtime.kernel_cache import cached
 
 from .reference import STOP_OPACITY
 

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.gpu_launch import kernels, kernels_device, launch
 from dofbench.core.lens import ALPHA, ApertureShape, Energy
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.gpu_launch import kernels, kernels_device, launch
 
 from .reference import STOP_OPACITY, check
 

@@ -27,8 +27,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.compute.backend import Backend
 from dofbench.core.lens import ALPHA, AREA_EPSILON, ApertureShape, Energy
+from dofbench.runtime.backend import Backend
 
 BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
 STOP_OPACITY = 0.999

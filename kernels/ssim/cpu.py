@@ -19,8 +19,8 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.kernel_cache import is_compiled
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.kernel_cache import is_compiled
 
 from .cpu_edges import add_edges_gradient, edges
 from .cpu_windows import BAND, build

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.compute.kernel_cache import cached
+from dofbench.runtime.kernel_cache import cached
 
 HALF = np.float32(0.5)
 ZERO = np.float32(0)

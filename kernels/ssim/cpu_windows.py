@@ -20,7 +20,7 @@ from numba import njit, prange, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from dofbench.compute.kernel_cache import cached
+from dofbench.runtime.kernel_cache import cached
 
 BAND = 16  # rows of a tile
 _TILE_ROW = 768  # numbers (pixels times channels) in a row of a tile, rounded to whole pixels

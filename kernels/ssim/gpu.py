@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.gpu_launch import check_tensors, kernels, launch
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.gpu_launch import check_tensors, kernels, launch
 
 from .reference import K1, K2, Border, Settings, check_images, check_weight, gaussian_window
 

@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import conv2d
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.device_numbers import beside
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.device_numbers import beside
 
 BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
 K1, K2 = 0.01, 0.03

@@ -11,9 +11,9 @@ import torch
 from numba import njit, prange
 from torch import Tensor
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.kernel_cache import cached, is_compiled
-from dofbench.compute.simd import LANES
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.kernel_cache import cached, is_compiled
+from dofbench.runtime.simd import LANES
 
 from .cpu_paths import COLUMNS, along_rows, down_columns
 from .cpu_returns import find_returns

@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd import LANES, bits8, lanes8, largest8, select8, splat8
-from dofbench.compute.simd_functions import abs8, min8
-from dofbench.compute.simd_memory import load8, store8
+from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.simd import LANES, bits8, lanes8, largest8, select8, splat8
+from dofbench.runtime.simd_functions import abs8, min8
+from dofbench.runtime.simd_memory import load8, store8
 
 from .reference import FAR
 

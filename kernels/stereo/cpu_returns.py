@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.compute.kernel_cache import cached
+from dofbench.runtime.kernel_cache import cached
 
 
 @cached

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd import LANES, lanes8, select8, splat8
-from dofbench.compute.simd_functions import floor8, max8, min8, sqrt8
-from dofbench.compute.simd_memory import gather8, gather_pairs8, load8, store8, store_whole8
+from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.simd import LANES, lanes8, select8, splat8
+from dofbench.runtime.simd_functions import floor8, max8, min8, sqrt8
+from dofbench.runtime.simd_memory import gather8, gather_pairs8, load8, store8, store_whole8
 
 from .reference import FLOOR, UNKNOWN
 

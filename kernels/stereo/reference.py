@@ -9,7 +9,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from dofbench.compute.backend import Backend
+from dofbench.runtime.backend import Backend
 
 BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
 # Added to both variances, in squared encoded values, so that noise and rounding in flat patches don't correlate

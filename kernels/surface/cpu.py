@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.kernel_cache import is_compiled
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.kernel_cache import is_compiled
 
 from . import cpu_loops as compiled
 from .reference import LEAST_SHARES, check_shapes

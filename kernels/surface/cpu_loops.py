@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.compute.kernel_cache import cached
-from dofbench.compute.simd import splat8
-from dofbench.compute.simd_functions import min8
-from dofbench.compute.simd_memory import load8, store8
+from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.simd import splat8
+from dofbench.runtime.simd_functions import min8
+from dofbench.runtime.simd_memory import load8, store8
 
 _PIECE = 4096  # numbers a task
 _ONE = np.float32(1.0)

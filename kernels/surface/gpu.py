@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.device_numbers import beside
-from dofbench.compute.gpu_launch import check_tensors, kernels, launch
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.device_numbers import beside
+from dofbench.runtime.gpu_launch import check_tensors, kernels, launch
 
 from .reference import LEAST_SHARES, check_shapes
 

@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from dofbench.compute.backend import Backend
+from dofbench.runtime.backend import Backend
 
 BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
 LEAST_SHARES = 1e-12  # divides the sum over no pixels, which is 0

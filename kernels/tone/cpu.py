@@ -8,11 +8,11 @@ import torch
 from numba import njit, prange
 from torch import Tensor
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.kernel_cache import cached, is_compiled
-from dofbench.compute.simd import select8
-from dofbench.compute.simd_functions import exp2_fast8, log2_8, max8, min8
-from dofbench.compute.simd_memory import load8, store8
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.kernel_cache import cached, is_compiled
+from dofbench.runtime.simd import select8
+from dofbench.runtime.simd_functions import exp2_fast8, log2_8, max8, min8
+from dofbench.runtime.simd_memory import load8, store8
 
 _LANES = 8
 _CHUNK = 4096  # numbers per task

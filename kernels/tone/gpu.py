@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from dofbench.compute.backend import Backend
-from dofbench.compute.gpu_launch import check_tensors, kernels, launch
+from dofbench.runtime.backend import Backend
+from dofbench.runtime.gpu_launch import check_tensors, kernels, launch
 
 BACKEND = Backend(devices=("cuda",), dtypes=("float32",), bits_repeat=True)
 _BLOCK = 1024

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dofbench.gaussians.vanilla import Vanilla
+from dofbench.training.gaussians.vanilla import Vanilla
 
 
 class Splatting(Vanilla):

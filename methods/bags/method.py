@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dofbench.gaussians.blur_methods import Proposed
+from dofbench.training.gaussians.blur_methods import Proposed
 
 
 class BAGS(Proposed):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dofbench.gaussians.blur_methods import Copied
+from dofbench.training.gaussians.blur_methods import Copied
 
 
 class CoCoGaussian(Copied):

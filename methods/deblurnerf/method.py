@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dofbench.fields.kernel_field_method import DeformableField
+from dofbench.training.fields.kernel_field_method import DeformableField
 
 
 class DeblurNeRF(DeformableField):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dofbench.gaussians.gaussian_method import GaussianMethod
+from dofbench.training.gaussians.gaussian_method import GaussianMethod
 
 
 class DoFGaussian(GaussianMethod):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dofbench.gaussians.blur_methods import Focused
+from dofbench.training.gaussians.blur_methods import Focused
 
 
 class DOFGS(Focused):

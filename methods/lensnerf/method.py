@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dofbench.fields.lens_field_method import LensRayField
+from dofbench.training.fields.lens_field_method import LensRayField
 
 
 class LensNeRF(LensRayField):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from dofbench.gaussians.gaussian_method import GaussianMethod
+from dofbench.training.gaussians.gaussian_method import GaussianMethod
 
 
 class MipSplatting(GaussianMethod):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dofbench.fields.field_method import FieldMethod
+from dofbench.training.fields.field_method import FieldMethod
 
 
 class PlainField(FieldMethod):

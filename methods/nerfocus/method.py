@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dofbench.fields.lens_field_method import RefocusedField
+from dofbench.training.fields.lens_field_method import RefocusedField
 
 
 class NeRFocus(RefocusedField):

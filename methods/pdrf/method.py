@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dofbench.fields.kernel_field_method import ProgressiveField
+from dofbench.training.fields.kernel_field_method import ProgressiveField
 
 
 class PDRF(ProgressiveField):

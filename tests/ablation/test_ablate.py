@@ -18,16 +18,16 @@ from rich.console import Console
 from small_dataset import write_dataset
 from tolerances import CSV_DIGITS
 
-from dofbench.commands.ablate import make_tables
+from dofbench.cli.ablate import make_tables
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError, one_line
+from dofbench.datasets.synthesis import make_dataset
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
+from dofbench.evaluation.results.result import read_result
 from dofbench.reporting.held_out import ASKED_HEADING
-from dofbench.results.result import read_result
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_plan import make_plan
 from dofbench.running.ablation_tables import read_tables, tables_of
-from dofbench.synthesis import make_dataset
-from dofbench.synthesis.dataset_options import MakeDataset
 
 TABLES = """\
 method = "fake"

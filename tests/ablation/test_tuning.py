@@ -13,16 +13,16 @@ from harness_fakes import Here
 from rich.console import Console
 from small_dataset import write_dataset
 
-from dofbench import cli
-from dofbench.commands.ablate import make_tables
+from dofbench.cli import app
+from dofbench.cli.ablate import make_tables
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
 from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS
+from dofbench.methods.cards import find_method
+from dofbench.methods.frozen_presets import choices_digest
 from dofbench.reporting.standing import NOTES
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_tables import TUNING, read_tables, tables_of
-from dofbench.running.frozen_presets import choices_digest
-from dofbench.running.method_cards import find_method
 
 TABLE = """
 [[tables]]
@@ -101,7 +101,7 @@ def test_nothing_is_tuned_on_a_report_scene(ablate: Callable[..., str], tmp_path
     with pytest.raises(InputError, match="table tuning: found room, a report scene, expected development scenes"):
         ablate(report, table=TUNING)
     words = ["ablate", "--method", "fake", "--table", TUNING, "--data", str(report), "--out", str(tmp_path / "none")]
-    assert cli.main(words) == 2
+    assert app.main(words) == 2
     error = capsys.readouterr().err
     assert "room, a report scene" in error and error.count("\n") == 1
     assert not (tmp_path / "none").exists() and not (tmp_path / "results").exists()

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import ALIGNED, ALIGNED_AMONG_NOISE, RESIDUAL_OF_NOISE
 
-from dofbench.depth.align import ENOUGH, fit
+from dofbench.scenes.depth.align import ENOUGH, fit
 
 COUNT = 120
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import COMPLETED, COMPLETED_SCALE
 
-from dofbench.depth.completion import complete
-from dofbench.depth.sightings import Sightings
+from dofbench.scenes.depth.completion import complete
+from dofbench.scenes.depth.sightings import Sightings
 
 HEIGHT, WIDTH = 48, 64
 

@@ -12,7 +12,7 @@ from tolerances import CONSISTENCY_BIAS, FLOAT32_SCALAR, FLOAT64_VALUE
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
 from dofbench.core.lens import DisparityRange
-from dofbench.depth.multi_view import Consistency, consistencies, neighbours, views_off
+from dofbench.scenes.depth.multi_view import Consistency, consistencies, neighbours, views_off
 
 WIDTH, HEIGHT, NEAR, FAR = 120, 90, 2.0, 6.0
 RANGE = DisparityRange(1 / FAR, 1 / NEAR)

@@ -21,10 +21,10 @@ from tolerances import (
 from dofbench.core.content import content_folder
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
-from dofbench.depth.sightings import scene_sightings
+from dofbench.datasets.synthesis.depth_sources import open_source
 from dofbench.scenes import load_scene
+from dofbench.scenes.depth.sightings import scene_sightings
 from dofbench.scenes.scene import Scene
-from dofbench.synthesis.depth_sources import open_source
 
 WIDTH, HEIGHT = 64, 48
 NEAR, FAR = 1.0, 4.0
@@ -211,7 +211,7 @@ def test_a_network_that_says_the_opposite(tmp_path):
 
 
 def test_the_network_runs_once(tmp_path, monkeypatch):
-    from dofbench.depth import onnx
+    from dofbench.scenes.depth import onnx
 
     network = write_network(tmp_path / "n.onnx")
     there = scene(points(60, (0, 1, 2)))

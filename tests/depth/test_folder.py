@@ -12,8 +12,8 @@ from tolerances import FLOAT32_SCALAR
 
 from dofbench.core.errors import InputError
 from dofbench.core.images import write_exr
-from dofbench.depth.given import with_folder_depth
-from dofbench.synthesis.depth_sources import open_source
+from dofbench.datasets.synthesis.depth_sources import open_source
+from dofbench.scenes.depth.given import with_folder_depth
 
 DEPTH = (1 + np.arange(12, dtype=np.float32).reshape(3, 4)) / 4
 SCENE = scene_of([frontal(4, 3, 4.0)], suffix=".JPG")

@@ -9,7 +9,7 @@ from onnx_networks import mean_of_channels, write_network
 from tolerances import FLOAT32_VALUE
 
 from dofbench.core.errors import InputError
-from dofbench.depth.network import PRESETS, Network, find_network, read_description, sampled, side_file
+from dofbench.scenes.depth.network import PRESETS, Network, find_network, read_description, sampled, side_file
 
 IMAGE = np.random.default_rng(0).uniform(0, 1, (48, 64, 3)).astype(np.float32)
 

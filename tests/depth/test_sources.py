@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from made_up import frontal, scene_of
 
-from dofbench import gaussians
 from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
-from dofbench.gaussians.scene_fit import Surface
+from dofbench.datasets.synthesis.depth_sources import open_source, source_for
 from dofbench.scenes.scene import Scene
-from dofbench.synthesis.depth_sources import open_source, source_for
+from dofbench.training import gaussians
+from dofbench.training.gaussians.scene_fit import Surface
 
 
 def scene(*maps: np.ndarray | None) -> Scene:

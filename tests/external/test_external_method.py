@@ -21,7 +21,7 @@ from small_dataset import write_dataset
 import dofbench
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
-from dofbench.results.provenance import code_version
+from dofbench.evaluation.results.provenance import code_version
 
 CARD = """
 name = "Program"
@@ -221,7 +221,7 @@ def test_a_program_ends_with_the_process_that_started_it(tmp_path: Path) -> None
     script = f"""
         import sys
         from pathlib import Path
-        from dofbench.external.limited_command import Limits, run_command
+        from dofbench.methods.external.limited_command import Limits, run_command
         command = [sys.executable, "-c", {program!r}]
         run_command(command, Path.cwd(), Path({str(tmp_path / "log")!r}), Limits(60, 1e6), lambda seconds: None)
     """

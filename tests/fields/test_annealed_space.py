@@ -9,8 +9,8 @@ from tolerances import FLOAT32_VALUE
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
-from dofbench.fields.annealed_space import AnnealedSpace
-from dofbench.fields.unbounded import Unbounded
+from dofbench.training.fields.annealed_space import AnnealedSpace
+from dofbench.training.fields.unbounded import Unbounded
 
 
 def line() -> PointCloud:

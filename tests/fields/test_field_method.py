@@ -14,9 +14,9 @@ from dofbench.core.budget import Budget
 from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import InputError, Status
 from dofbench.core.lens import PhysicalLens
-from dofbench.fields.field_method import FieldMethod
-from dofbench.fields.field_trainer import FieldTrainer
-from dofbench.fields.forward.pinhole_rays import PinholeRays
+from dofbench.training.fields.field_method import FieldMethod
+from dofbench.training.fields.field_trainer import FieldTrainer
+from dofbench.training.fields.forward.pinhole_rays import PinholeRays
 
 SHORT = {
     "steps": 120,

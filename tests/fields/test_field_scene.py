@@ -10,15 +10,15 @@ import pytest
 import torch
 from tolerances import AS_IF_INFINITELY_FAR, FLOAT32_GRADIENT, FLOAT32_VALUE
 
-from dofbench.compute.factored_grid import FieldRender
-from dofbench.fields.cube_rays import Space, points_along
-from dofbench.fields.field_options import FieldOptions, RayOptions
-from dofbench.fields.field_scene import FieldScene
-from dofbench.fields.grid_field import GridField, GridOptions
-from dofbench.fields.rays_seen import RaysSeen
-from dofbench.fields.space import Frustum
-from dofbench.fields.unbounded import Unbounded
-from dofbench.kernels import load
+from dofbench.runtime.factored_grid import FieldRender
+from dofbench.runtime.ops import load
+from dofbench.training.fields.cube_rays import Space, points_along
+from dofbench.training.fields.field_options import FieldOptions, RayOptions
+from dofbench.training.fields.field_scene import FieldScene
+from dofbench.training.fields.grid_field import GridField, GridOptions
+from dofbench.training.fields.rays_seen import RaysSeen
+from dofbench.training.fields.space import Frustum
+from dofbench.training.fields.unbounded import Unbounded
 
 # Disparities from 1 to 0.2 before a camera that sees as far to each side as ahead.
 FRUSTUM = Frustum(np.eye(4), np.array([-1.0, -1.0]), np.array([1.0, 1.0]), 1.0, 0.2)

@@ -6,9 +6,9 @@ import pytest
 import torch
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE, FLOAT64_VALUE
 
-from dofbench.compute.factored_grid import GridShape
 from dofbench.core.errors import InputError
-from dofbench.fields.grid_field import PARAMETERS, GridField, GridOptions
+from dofbench.runtime.factored_grid import GridShape
+from dofbench.training.fields.grid_field import PARAMETERS, GridField, GridOptions
 
 OPTIONS = GridOptions(grid_nodes=32, grid_nodes_first=8, grid_grows=2, grid_grown=0.5, sh_degree=1)
 

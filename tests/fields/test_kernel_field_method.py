@@ -14,8 +14,8 @@ from tolerances import FLOAT32_VALUE
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import InputError, Status
-from dofbench.fields.field_method import FieldMethod
-from dofbench.fields.kernel_field_method import DeformableField, ProgressiveField, RigidField, unit_of_depth
+from dofbench.training.fields.field_method import FieldMethod
+from dofbench.training.fields.kernel_field_method import DeformableField, ProgressiveField, RigidField, unit_of_depth
 
 SHORT = field_options()
 

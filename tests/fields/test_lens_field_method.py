@@ -15,12 +15,12 @@ from dofbench.core.budget import Budget
 from dofbench.core.contracts import Rendering, Sketches
 from dofbench.core.errors import InputError, Status
 from dofbench.core.lens import PhysicalLens
-from dofbench.fields import field_trainer
-from dofbench.fields.field_method import FieldMethod
-from dofbench.fields.lens_field_method import LensFieldMethod, LensRayField, PatchField, RefocusedField
-from dofbench.fields.lens_rendering import through_points
-from dofbench.fields.rays_seen import RaysSeen
 from dofbench.optics.defocus import defocus_numpy
+from dofbench.training.fields import field_trainer
+from dofbench.training.fields.field_method import FieldMethod
+from dofbench.training.fields.lens_field_method import LensFieldMethod, LensRayField, PatchField, RefocusedField
+from dofbench.training.fields.lens_rendering import through_points
+from dofbench.training.fields.rays_seen import RaysSeen
 
 SHORT = field_options()
 METHODS = {"rays": (LensRayField, {"lens_points": 5}), "patch": (PatchField, {"patch_side": 20, "patch_from": 0.4})}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import torch
 
-from dofbench.fields.cube_rays import CubeRays
-from dofbench.fields.grid_field import GridField, GridOptions
-from dofbench.fields.occupancy import Occupancy
+from dofbench.training.fields.cube_rays import CubeRays
+from dofbench.training.fields.grid_field import GridField, GridOptions
+from dofbench.training.fields.occupancy import Occupancy
 
 CELLS = 8
 

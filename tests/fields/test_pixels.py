@@ -11,7 +11,7 @@ from tolerances import FLOAT32_POINT, FLOAT32_VALUE
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingView
-from dofbench.fields.pixels import CameraTable, TrainingPixels, whole_image
+from dofbench.training.fields.pixels import CameraTable, TrainingPixels, whole_image
 
 
 def turned() -> Camera:

@@ -27,25 +27,25 @@ from dofbench.core.blur import Blur
 from dofbench.core.contracts import TrainingView
 from dofbench.core.errors import InputError
 from dofbench.core.lens import DisparityRange
-from dofbench.fields.forward.blur_kernels import KernelOptions
-from dofbench.fields.forward.deformable_kernel import DeformableKernel, DeformableOptions
-from dofbench.fields.forward.lens_rays import LensRayOptions, LensRays, disc_points
-from dofbench.fields.forward.mixed_rays import mixed
-from dofbench.fields.forward.pinhole_rays import PinholeRays
-from dofbench.fields.forward.progressive_kernel import ProgressiveKernel, ProgressiveOptions
-from dofbench.fields.forward.ray_model import RayModel
-from dofbench.fields.forward.rendered_patch import PatchOptions, RenderedPatch
-from dofbench.fields.forward.rigid_kernel import RigidKernel, screw_motion
-from dofbench.fields.forward.weight_proposal import (
+from dofbench.optics.defocus import defocus
+from dofbench.training.common.lenses import LearnedLenses, LensOptions
+from dofbench.training.common.networks import redraw
+from dofbench.training.fields.forward.blur_kernels import KernelOptions
+from dofbench.training.fields.forward.deformable_kernel import DeformableKernel, DeformableOptions
+from dofbench.training.fields.forward.lens_rays import LensRayOptions, LensRays, disc_points
+from dofbench.training.fields.forward.mixed_rays import mixed
+from dofbench.training.fields.forward.pinhole_rays import PinholeRays
+from dofbench.training.fields.forward.progressive_kernel import ProgressiveKernel, ProgressiveOptions
+from dofbench.training.fields.forward.ray_model import RayModel
+from dofbench.training.fields.forward.rendered_patch import PatchOptions, RenderedPatch
+from dofbench.training.fields.forward.rigid_kernel import RigidKernel, screw_motion
+from dofbench.training.fields.forward.weight_proposal import (
     WeightProposal,
     WeightProposalOptions,
     _CurveAttention,
     integrated,
 )
-from dofbench.fields.pixels import Pixels, TrainingPixels, whole_image
-from dofbench.learning.lenses import LearnedLenses, LensOptions
-from dofbench.learning.networks import redraw
-from dofbench.optics.defocus import defocus
+from dofbench.training.fields.pixels import Pixels, TrainingPixels, whole_image
 
 UNIT = 2.0  # depth that counts as 1 for the kernels
 RANGE = DisparityRange(0.1, 0.6)

@@ -13,10 +13,10 @@ from made_up import frontal
 from tolerances import FLOAT64_VALUE, SEARCHED_PLACE
 
 from dofbench.core.cameras import Camera
-from dofbench.fields.cube_rays import Space
-from dofbench.fields.pixels import CameraTable, whole_image
-from dofbench.fields.space import Frustum, space_for, space_of
-from dofbench.fields.unbounded import Unbounded
+from dofbench.training.fields.cube_rays import Space
+from dofbench.training.fields.pixels import CameraTable, whole_image
+from dofbench.training.fields.space import Frustum, space_for, space_of
+from dofbench.training.fields.unbounded import Unbounded
 
 PLACES = [(-0.3, 0.1, 0.2), (0.4, 0.0, -0.1), (0.0, -0.3, 0.0)]
 NEAREST, FARTHEST = 2.0, 8.0

@@ -18,15 +18,15 @@ from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import InputError, Status
-from dofbench.fields.annealed_space import AnnealedSpace
-from dofbench.fields.field_method import FieldMethod
-from dofbench.fields.field_options import FieldOptions, RayOptions
-from dofbench.fields.field_scene import FieldScene
-from dofbench.fields.field_trainer import FieldTrainer
-from dofbench.fields.forward.pinhole_rays import PinholeRays
-from dofbench.fields.grid_field import GridField, GridOptions
-from dofbench.fields.surroundings import Surroundings, on_square
-from dofbench.fields.unbounded import Unbounded
+from dofbench.training.fields.annealed_space import AnnealedSpace
+from dofbench.training.fields.field_method import FieldMethod
+from dofbench.training.fields.field_options import FieldOptions, RayOptions
+from dofbench.training.fields.field_scene import FieldScene
+from dofbench.training.fields.field_trainer import FieldTrainer
+from dofbench.training.fields.forward.pinhole_rays import PinholeRays
+from dofbench.training.fields.grid_field import GridField, GridOptions
+from dofbench.training.fields.surroundings import Surroundings, on_square
+from dofbench.training.fields.unbounded import Unbounded
 
 PARTS = st.floats(-1, 1).filter(lambda part: abs(part) > 1e-3)
 DIRECTIONS = st.tuples(PARTS, PARTS, PARTS)

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from tolerances import FLOAT32_GRADIENT, FLOAT64_VALUE, SAME_DEPTH, SEARCHED_PLACE
 from torch import Tensor
 
-from dofbench.fields.cube_rays import points_along
-from dofbench.fields.unbounded import Unbounded
+from dofbench.training.fields.cube_rays import points_along
+from dofbench.training.fields.unbounded import Unbounded
 
 LOW, HIGH = np.array([-1.0, 2.0, 1.0]), np.array([1.0, 6.0, 5.0])
 MIDDLE, HALF = torch.tensor([0.0, 4.0, 3.0]).double(), torch.tensor([1.0, 2.0, 2.0]).double()

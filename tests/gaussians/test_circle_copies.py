@@ -11,10 +11,10 @@ from blur_cases import CAMERA, copying, no_view, one_gaussian, shot
 from made_up import cloud, frontal
 from tolerances import ADAM_FIRST_STEP, FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_VALUE
 
-from dofbench.gaussians.blur_methods import CopiedOptions
-from dofbench.gaussians.forward.circle_copies import CircleCopies
-from dofbench.gaussians.forward.forward_model import BlurStart
-from dofbench.gaussians.model import Gaussians
+from dofbench.training.gaussians.blur_methods import CopiedOptions
+from dofbench.training.gaussians.forward.circle_copies import CircleCopies
+from dofbench.training.gaussians.forward.forward_model import BlurStart
+from dofbench.training.gaussians.model import Gaussians
 
 
 def test_what_is_in_focus_is_not_copied_elsewhere() -> None:

@@ -11,10 +11,10 @@ from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE, GAIN_LEARNED, RESPONSE_G
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
-from dofbench.gaussians.trainer import Trainer
-from dofbench.learning import image_losses as losses
-from dofbench.learning.photograph_colours import ColourOptions, LearnedColours, read_colours, write_colours
-from dofbench.learning.row_adam import RowAdam
+from dofbench.training.common import image_losses as losses
+from dofbench.training.common.photograph_colours import ColourOptions, LearnedColours, read_colours, write_colours
+from dofbench.training.common.row_adam import RowAdam
+from dofbench.training.gaussians.trainer import Trainer
 
 
 def _image(seed=0):

@@ -7,14 +7,14 @@ import torch
 from made_up import cloud, frontal
 from tolerances import DEVIATION_OF_4000, FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_VALUE
 
-from dofbench.compute.raster import ViewStatistics
 from dofbench.core.errors import InputError
-from dofbench.gaussians.density import DensityControl, DensityOptions, rotate
-from dofbench.gaussians.gaussian_options import GaussianOptions
-from dofbench.gaussians.model import PARAMETERS, Gaussians, scene_extent
-from dofbench.gaussians.optimiser import GaussianOptimiser, RateOptions
-from dofbench.gaussians.vanilla import PrunedDensity
-from dofbench.running.method_cards import find_method
+from dofbench.methods.cards import find_method
+from dofbench.runtime.raster import ViewStatistics
+from dofbench.training.gaussians.density import DensityControl, DensityOptions, rotate
+from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.gaussians.model import PARAMETERS, Gaussians, scene_extent
+from dofbench.training.gaussians.optimiser import GaussianOptimiser, RateOptions
+from dofbench.training.gaussians.vanilla import PrunedDensity
 
 
 def _setup(count=12, **overrides):

@@ -9,8 +9,8 @@ from blur_cases import CAMERA, RANGE, enlarging, no_view, one_gaussian, shot, wi
 from made_up import frontal
 from tolerances import FLOAT32_SCALAR, FLOAT32_VALUE
 
-from dofbench.gaussians.forward.gaussian_network import GaussianNetwork
-from dofbench.gaussians.forward.shot import Shot
+from dofbench.training.gaussians.forward.gaussian_network import GaussianNetwork
+from dofbench.training.gaussians.forward.shot import Shot
 
 
 @pytest.mark.parametrize(("output", "factor"), [(0.0, 1.0), (-50.0, 1.0), (3.0, 1.02), (11.0, 1.1), (50.0, 1.1)])

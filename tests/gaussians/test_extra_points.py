@@ -11,14 +11,14 @@ from made_up import Recorder, cloud
 from small_scene import training_set
 from tolerances import FLOAT32_VALUE
 
-from dofbench.compute.raster import ViewStatistics
 from dofbench.core.budget import Budget
 from dofbench.core.errors import Status
-from dofbench.gaussians.blur_methods import Copied, Enlarged
-from dofbench.gaussians.density import DensityControl, DensityOptions
-from dofbench.gaussians.extra_points import ExtraOptions, GrowingOnce, drawn_between, neighbour_distances
-from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.optimiser import GaussianOptimiser, RateOptions
+from dofbench.runtime.raster import ViewStatistics
+from dofbench.training.gaussians.blur_methods import Copied, Enlarged
+from dofbench.training.gaussians.density import DensityControl, DensityOptions
+from dofbench.training.gaussians.extra_points import ExtraOptions, GrowingOnce, drawn_between, neighbour_distances
+from dofbench.training.gaussians.model import Gaussians
+from dofbench.training.gaussians.optimiser import GaussianOptimiser, RateOptions
 
 
 def grid() -> torch.Tensor:

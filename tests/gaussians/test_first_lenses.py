@@ -11,10 +11,10 @@ from small_scene import training_set
 from tolerances import FLOAT64_VALUE, LENS_FLOOR
 
 from dofbench.core.errors import InputError
-from dofbench.core.exif import Exif
+from dofbench.core.image_files.exif import Exif
 from dofbench.core.lens import DisparityRange
-from dofbench.learning.first_lenses import first_lenses, foci_by_exif
-from dofbench.learning.lenses import LensOptions
+from dofbench.training.common.first_lenses import first_lenses, foci_by_exif
+from dofbench.training.common.lenses import LensOptions
 
 RANGE = DisparityRange(0.1, 0.6)
 

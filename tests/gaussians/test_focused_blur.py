@@ -7,9 +7,9 @@ import torch
 from blur_cases import CAMERA, RANGE, one_gaussian, shot
 from tolerances import FLOAT32_VALUE
 
-from dofbench.gaussians.forward.focused_blur import FocusedBlur, FocusOptions
-from dofbench.gaussians.forward.forward_model import BlurOptions, SharpView
-from dofbench.learning.training_views import Photograph
+from dofbench.training.common.training_views import Photograph
+from dofbench.training.gaussians.forward.focused_blur import FocusedBlur, FocusOptions
+from dofbench.training.gaussians.forward.forward_model import BlurOptions, SharpView
 
 
 def test_the_sharp_view_is_compared_where_the_photograph_is_in_focus() -> None:

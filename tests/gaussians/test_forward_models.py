@@ -11,19 +11,19 @@ from small_scene import cameras, options, training_set
 
 from dofbench.core.budget import Budget
 from dofbench.core.lens import PhysicalLens
-from dofbench.gaussians import exposure
-from dofbench.gaussians.exposure import Exposures, render_view
-from dofbench.gaussians.forward.forward_model import BlurOptions
-from dofbench.gaussians.forward.forward_schedule import rendering_model
-from dofbench.gaussians.forward.lens_samples import LensSamples, SamplesOptions
-from dofbench.gaussians.forward.own_blur import OwnBlur
-from dofbench.gaussians.forward.pinhole import Pinhole
-from dofbench.gaussians.forward.scatter_blur import ScatterBlur, ScatterOptions
-from dofbench.gaussians.gaussian_options import GaussianOptions
-from dofbench.gaussians.render import rasterise
-from dofbench.gaussians.surface_terms import richest
-from dofbench.gaussians.trainer import Trainer
-from dofbench.gaussians.trials import possible_models
+from dofbench.training.gaussians import exposure
+from dofbench.training.gaussians.exposure import Exposures, render_view
+from dofbench.training.gaussians.forward.forward_model import BlurOptions
+from dofbench.training.gaussians.forward.forward_schedule import rendering_model
+from dofbench.training.gaussians.forward.lens_samples import LensSamples, SamplesOptions
+from dofbench.training.gaussians.forward.own_blur import OwnBlur
+from dofbench.training.gaussians.forward.pinhole import Pinhole
+from dofbench.training.gaussians.forward.scatter_blur import ScatterBlur, ScatterOptions
+from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.gaussians.render import rasterise
+from dofbench.training.gaussians.surface_terms import richest
+from dofbench.training.gaussians.trainer import Trainer
+from dofbench.training.gaussians.trials import possible_models
 
 LENS = PhysicalLens(aperture=30.0, focus_disparity=1 / 6, width=48)
 SAMPLES = {"lens_model": "samples", "lens_samples_from": 0.3}
@@ -152,8 +152,8 @@ def test_the_order_of_photographs_does_not_depend_on_how_many_points_look_at_the
 
 def test_the_blurs_gradient_reaches_the_depth_where_it_is_asked_to():
     trainer, camera = Trainer(training_set(), options(), 0), cameras()[0]
-    from dofbench.gaussians.forward.forward_model import SharpView
-    from dofbench.gaussians.forward.shot import Shot
+    from dofbench.training.gaussians.forward.forward_model import SharpView
+    from dofbench.training.gaussians.forward.shot import Shot
 
     raster = rasterise(trainer.gaussians, camera, trainer.options.appearance)
     for to_depth in (False, True):

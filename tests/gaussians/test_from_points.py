@@ -8,7 +8,7 @@ from made_up import cloud
 from tolerances import FLOAT32_SCALAR, FLOAT32_VALUE
 
 from dofbench.core.errors import InputError
-from dofbench.gaussians.model import Gaussians
+from dofbench.training.gaussians.model import Gaussians
 
 SPREAD = np.random.default_rng(5).uniform(size=(40, 3))
 

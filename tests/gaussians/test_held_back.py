@@ -17,11 +17,10 @@ from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.images import resize
 from dofbench.core.masks import touched
-from dofbench.gaussians.trainer import Trainer
-from dofbench.learning import image_losses as losses
-from dofbench.learning.held_back import TILE, held_back_mask, held_back_scores, held_back_tiles, tile_scores
-from dofbench.metrics.psnr import psnr
-from dofbench.metrics.ssim import ssim
+from dofbench.core.similarity import psnr, ssim
+from dofbench.training.common import image_losses as losses
+from dofbench.training.common.held_back import TILE, held_back_mask, held_back_scores, held_back_tiles, tile_scores
+from dofbench.training.gaussians.trainer import Trainer
 
 
 @given(st.integers(17, 120), st.integers(17, 120), st.floats(0.01, 0.9), st.integers(0, 5), st.integers(0, 5))

@@ -14,17 +14,17 @@ from tolerances import FLOAT32_VALUE
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
 from dofbench.core.lens import PhysicalLens
-from dofbench.gaussians.blur_methods import Copied, Enlarged, Focused, Masked, Proposed, UniformlyBlurred
-from dofbench.gaussians.exposure import StillRasteriser
-from dofbench.gaussians.forward.enlarged_gaussians import EnlargedGaussians, EnlargingOptions
-from dofbench.gaussians.forward.forward_model import BlurOptions, BlurStart, SharpView
-from dofbench.gaussians.forward.lens_samples import LensSamples
-from dofbench.gaussians.forward.own_blur import OwnBlur
-from dofbench.gaussians.forward.pinhole import Pinhole
-from dofbench.gaussians.forward.scatter_blur import ScatterBlur, ScatterOptions
-from dofbench.gaussians.forward.uniform_blur import UniformBlur, UniformBlurOptions
-from dofbench.gaussians.gaussian_method import GaussianMethod
-from dofbench.gaussians.model import PARAMETERS, Gaussians
+from dofbench.training.gaussians.blur_methods import Copied, Enlarged, Focused, Masked, Proposed, UniformlyBlurred
+from dofbench.training.gaussians.exposure import StillRasteriser
+from dofbench.training.gaussians.forward.enlarged_gaussians import EnlargedGaussians, EnlargingOptions
+from dofbench.training.gaussians.forward.forward_model import BlurOptions, BlurStart, SharpView
+from dofbench.training.gaussians.forward.lens_samples import LensSamples
+from dofbench.training.gaussians.forward.own_blur import OwnBlur
+from dofbench.training.gaussians.forward.pinhole import Pinhole
+from dofbench.training.gaussians.forward.scatter_blur import ScatterBlur, ScatterOptions
+from dofbench.training.gaussians.forward.uniform_blur import UniformBlur, UniformBlurOptions
+from dofbench.training.gaussians.gaussian_method import GaussianMethod
+from dofbench.training.gaussians.model import PARAMETERS, Gaussians
 
 SHORT = {"steps": 90, "sh_degree": 1, "densify_from": 0.1, "densify_every": 20, "reset_every": 0.0}
 

@@ -8,7 +8,13 @@ from hypothesis import strategies as st
 from scipy.special import j1
 from tolerances import FLOAT32_SCALAR, FLOAT64_VALUE, PATTERN_SCALE
 
-from dofbench.gaussians.forward.lens_pattern import MOST_RINGS, cell_variance, lens_points, points_of, rings_for
+from dofbench.training.gaussians.forward.lens_pattern import (
+    MOST_RINGS,
+    cell_variance,
+    lens_points,
+    points_of,
+    rings_for,
+)
 
 DIRECTIONS = np.linspace(0, np.pi, 24, endpoint=False)
 FREQUENCIES = np.geomspace(0.02, np.pi, 200)  # radians a pixel, up to the finest that pixels hold

@@ -14,20 +14,20 @@ from tolerances import (
     SAMPLED_PLANE,
 )
 
-from dofbench.compute.raster import ViewStatistics
 from dofbench.core.cameras import Camera
 from dofbench.core.lens import DisparityRange, Lens
-from dofbench.gaussians.exposure import StillRasteriser, render_view
-from dofbench.gaussians.forward import lens_samples
-from dofbench.gaussians.forward.forward_model import BlurOptions
-from dofbench.gaussians.forward.lens_pattern import cell_variance, lens_points
-from dofbench.gaussians.forward.lens_samples import circles_in_view, together, views_from_lens
-from dofbench.gaussians.forward.scatter_blur import ScatterBlur, ScatterOptions
-from dofbench.gaussians.forward.shot import Shot
-from dofbench.gaussians.gaussian_options import GaussianOptions
-from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.render import AppearanceOptions, rasterise, rasterise_from_points
-from dofbench.gaussians.step_rasteriser import summed
+from dofbench.runtime.raster import ViewStatistics
+from dofbench.training.gaussians.exposure import StillRasteriser, render_view
+from dofbench.training.gaussians.forward import lens_samples
+from dofbench.training.gaussians.forward.forward_model import BlurOptions
+from dofbench.training.gaussians.forward.lens_pattern import cell_variance, lens_points
+from dofbench.training.gaussians.forward.lens_samples import circles_in_view, together, views_from_lens
+from dofbench.training.gaussians.forward.scatter_blur import ScatterBlur, ScatterOptions
+from dofbench.training.gaussians.forward.shot import Shot
+from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.gaussians.model import Gaussians
+from dofbench.training.gaussians.render import AppearanceOptions, rasterise, rasterise_from_points
+from dofbench.training.gaussians.step_rasteriser import summed
 
 WIDTH, HEIGHT = 96, 72
 BOUNDS = DisparityRange(0.1, 0.5)

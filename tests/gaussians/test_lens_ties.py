@@ -9,10 +9,10 @@ from tolerances import FLOAT32_VALUE, LENS_FLOOR, LENS_FOUND
 
 from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
-from dofbench.core.exif import Exif
+from dofbench.core.image_files.exif import Exif
 from dofbench.core.lens import DisparityRange, Lens
-from dofbench.learning.lens_ties import lens_ties
-from dofbench.learning.lenses import LearnedLenses, LensOptions
+from dofbench.training.common.lens_ties import lens_ties
+from dofbench.training.common.lenses import LearnedLenses, LensOptions
 
 RANGE = DisparityRange(0.02, 0.06)
 

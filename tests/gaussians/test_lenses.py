@@ -4,7 +4,7 @@ import torch
 from tolerances import FLOAT32_VALUE, LENS_FOUND
 
 from dofbench.core.lens import DisparityRange, Lens
-from dofbench.learning.lenses import LearnedLenses, LensOptions
+from dofbench.training.common.lenses import LearnedLenses, LensOptions
 
 RANGE = DisparityRange(0.02, 0.06)
 

@@ -7,12 +7,12 @@ import torch
 from tolerances import FLOAT32_SCALAR, PLANE_NORMAL
 
 from dofbench.core.cameras import Camera
-from dofbench.gaussians.distortion import DistortionOptions, distortion_loss
-from dofbench.gaussians.normals import NormalOptions, normal_consistency, normals_from_depth
-from dofbench.gaussians.surface_terms import Distortion, Normals
-from dofbench.learning.adaptation import AdaptationOptions
-from dofbench.learning.depth_loss import SupervisionOptions, depth_loss
-from dofbench.learning.supervision import DepthSamples
+from dofbench.training.common.adaptation import AdaptationOptions
+from dofbench.training.common.depth_loss import SupervisionOptions, depth_loss
+from dofbench.training.common.supervision import DepthSamples
+from dofbench.training.gaussians.distortion import DistortionOptions, distortion_loss
+from dofbench.training.gaussians.normals import NormalOptions, normal_consistency, normals_from_depth
+from dofbench.training.gaussians.surface_terms import Distortion, Normals
 
 CAMERA = Camera(24, 18, 20.0, 21.0, 12.5, 8.0, np.eye(4))
 

@@ -10,8 +10,8 @@ import torch
 from blur_cases import CAMERA, enlarging, masked, one_gaussian, shot, with_outputs
 from tolerances import FLOAT32_SCALAR, FLOAT32_VALUE
 
-from dofbench.gaussians.forward.forward_model import SharpView
-from dofbench.learning.training_views import Photograph
+from dofbench.training.common.training_views import Photograph
+from dofbench.training.gaussians.forward.forward_model import SharpView
 
 
 @pytest.mark.parametrize("share", [0.0, 0.25, 1.0])

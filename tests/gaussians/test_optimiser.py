@@ -8,8 +8,8 @@ import torch
 from made_up import cloud
 from tolerances import FLOAT32_GRADIENT
 
-from dofbench.gaussians.model import PARAMETERS, Gaussians
-from dofbench.gaussians.optimiser import GaussianOptimiser, RateOptions
+from dofbench.training.gaussians.model import PARAMETERS, Gaussians
+from dofbench.training.gaussians.optimiser import GaussianOptimiser, RateOptions
 
 RATES = RateOptions(
     means_lr=0.04, means_lr_final=0.01, sh_dc_lr=0.02, sh_rest_lr=0.03, opacity_lr=0.05, scale_lr=0.06, rotation_lr=0.07

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 import pytest
 
 from dofbench.core.errors import InputError
-from dofbench.gaussians.gaussian_options import GaussianOptions
-from dofbench.learning.adaptation import AdaptationOptions
-from dofbench.learning.option_groups import OptionGroups, listed_options
-from dofbench.learning.training_schedule import ScheduleOptions
-from dofbench.running.method_cards import find_method
+from dofbench.methods.cards import find_method
+from dofbench.training.common.adaptation import AdaptationOptions
+from dofbench.training.common.option_groups import OptionGroups, listed_options
+from dofbench.training.common.training_schedule import ScheduleOptions
+from dofbench.training.gaussians.gaussian_options import GaussianOptions
 
 
 def test_strings_become_the_options_type():

@@ -7,12 +7,12 @@ import torch
 from made_up import Recorder
 from small_scene import options, training_set
 
-from dofbench.compute.device_memory import would_fit
 from dofbench.core.budget import Budget
 from dofbench.core.errors import Ended, Status
-from dofbench.gaussians import trainer as module
-from dofbench.gaussians.trainer import Trainer
 from dofbench.running.execution import classify
+from dofbench.runtime.device_memory import would_fit
+from dofbench.training.gaussians import trainer as module
+from dofbench.training.gaussians.trainer import Trainer
 
 GIB = 2**30
 

@@ -11,9 +11,9 @@ from small_scene import options, training_set
 
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import TrainingSet
-from dofbench.gaussians.trainer import Trainer
-from dofbench.learning.outliers import MOST, VISITS, OutlierOptions, OutlierViews
-from dofbench.learning.view_order import ViewOrder
+from dofbench.training.common.outliers import MOST, VISITS, OutlierOptions, OutlierViews
+from dofbench.training.common.view_order import ViewOrder
+from dofbench.training.gaussians.trainer import Trainer
 
 
 def _found(losses, visits=VISITS):

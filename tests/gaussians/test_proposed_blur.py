@@ -10,10 +10,10 @@ import torch
 from blur_cases import CAMERA, one_gaussian, proposing, shot
 from tolerances import FLOAT32_VALUE
 
-from dofbench.gaussians.blur_methods import ThreeScales
-from dofbench.gaussians.forward.forward_model import SharpView
-from dofbench.gaussians.forward.proposed_blur import ProposedBlur
-from dofbench.learning.training_views import Photograph
+from dofbench.training.common.training_views import Photograph
+from dofbench.training.gaussians.blur_methods import ThreeScales
+from dofbench.training.gaussians.forward.forward_model import SharpView
+from dofbench.training.gaussians.forward.proposed_blur import ProposedBlur
 
 
 def fixed(blur: ProposedBlur, logit: float, neighbour: int, mask: float) -> ProposedBlur:

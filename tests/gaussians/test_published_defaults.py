@@ -7,16 +7,16 @@ from __future__ import annotations
 
 import pytest
 
-from dofbench.gaussians.blur_methods import (
+from dofbench.training.common.option_groups import listed_options
+from dofbench.training.gaussians.blur_methods import (
     CopiedOptions,
     FocusedOptions,
     MaskedOptions,
     ProposedOptions,
     UniformlyBlurredOptions,
 )
-from dofbench.gaussians.gaussian_options import GaussianOptions
-from dofbench.gaussians.vanilla import VanillaOptions
-from dofbench.learning.option_groups import listed_options
+from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.gaussians.vanilla import VanillaOptions
 
 OPTIONS = {option.name: option for option in listed_options(GaussianOptions)}
 BLUR = {

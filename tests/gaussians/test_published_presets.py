@@ -15,22 +15,22 @@ from small_scene import training_set
 from tolerances import FLOAT32_SCALAR, FLOAT32_VALUE, FLOAT64_VALUE, LEARNED_STEP, LOSS_OF_A_STEP
 
 from dofbench.core.lens import DisparityRange
-from dofbench.gaussians.distortion import distortion_loss
-from dofbench.gaussians.forward.forward_model import SharpView
-from dofbench.gaussians.forward.shot import Shot
-from dofbench.gaussians.gaussian_options import GaussianOptions
-from dofbench.gaussians.normals import normal_consistency
-from dofbench.gaussians.render import AppearanceOptions, rasterise
-from dofbench.gaussians.trainer import Trainer
-from dofbench.gaussians.training_state import TrainingState
-from dofbench.gaussians.training_step import take_step
-from dofbench.kernels import load
-from dofbench.learning.rendered_surface import SURFACE_ALPHA
-from dofbench.learning.stage_clock import StageClock
-from dofbench.learning.supervision import sparse_depth
-from dofbench.learning.training_views import Photograph
+from dofbench.methods.cards import find_method
 from dofbench.optics.tone import TOE, decode, encode
-from dofbench.running.method_cards import find_method
+from dofbench.runtime.ops import load
+from dofbench.training.common.rendered_surface import SURFACE_ALPHA
+from dofbench.training.common.stage_clock import StageClock
+from dofbench.training.common.supervision import sparse_depth
+from dofbench.training.common.training_views import Photograph
+from dofbench.training.gaussians.distortion import distortion_loss
+from dofbench.training.gaussians.forward.forward_model import SharpView
+from dofbench.training.gaussians.forward.shot import Shot
+from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.gaussians.normals import normal_consistency
+from dofbench.training.gaussians.render import AppearanceOptions, rasterise
+from dofbench.training.gaussians.trainer import Trainer
+from dofbench.training.gaussians.training_state import TrainingState
+from dofbench.training.gaussians.training_step import take_step
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "published-presets.md"

@@ -12,20 +12,20 @@ from made_up import Recorder, frontal
 from small_scene import options, training_set
 from tolerances import FLOAT32_SCALAR, FLOAT32_VALUE, LEARNED_STEP, PLANE_NORMAL
 
-from dofbench.compute.raster import Raster
 from dofbench.core.budget import Budget
 from dofbench.core.lens import DisparityRange
-from dofbench.gaussians.forward.forward_model import SharpView
-from dofbench.gaussians.normals import normal_consistency
-from dofbench.gaussians.surface_terms import KnownDepth
-from dofbench.gaussians.trainer import Trainer
-from dofbench.gaussians.training_state import TrainingState
-from dofbench.learning.adaptation import AdaptationOptions
-from dofbench.learning.depth_loss import SupervisionOptions
-from dofbench.learning.lenses import LearnedLenses, LensOptions
-from dofbench.learning.rendered_surface import rendered_range
-from dofbench.learning.supervision import DepthSamples
-from dofbench.learning.training_views import Photograph
+from dofbench.runtime.raster import Raster
+from dofbench.training.common.adaptation import AdaptationOptions
+from dofbench.training.common.depth_loss import SupervisionOptions
+from dofbench.training.common.lenses import LearnedLenses, LensOptions
+from dofbench.training.common.rendered_surface import rendered_range
+from dofbench.training.common.supervision import DepthSamples
+from dofbench.training.common.training_views import Photograph
+from dofbench.training.gaussians.forward.forward_model import SharpView
+from dofbench.training.gaussians.normals import normal_consistency
+from dofbench.training.gaussians.surface_terms import KnownDepth
+from dofbench.training.gaussians.trainer import Trainer
+from dofbench.training.gaussians.training_state import TrainingState
 
 RANGE = DisparityRange(0.1, 0.6)
 

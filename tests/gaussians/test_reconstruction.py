@@ -12,12 +12,12 @@ from made_up import frontal, scene_of
 from small_scene import cameras, training_set
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
 
-from dofbench import gaussians as gaussian_package
 from dofbench.core.errors import InputError
-from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.scene_fit import OPTIONS, Reconstruction, Surface, reconstruct
-from dofbench.gaussians.splat_depth import SplatDepth
 from dofbench.scenes.scene import Scene
+from dofbench.training import gaussians as gaussian_package
+from dofbench.training.gaussians.model import Gaussians
+from dofbench.training.gaussians.scene_fit import OPTIONS, Reconstruction, Surface, reconstruct
+from dofbench.training.gaussians.splat_depth import SplatDepth
 
 CAMERA = frontal(16, 12, 12.0)
 

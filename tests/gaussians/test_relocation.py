@@ -16,11 +16,11 @@ from tolerances import DEVIATION_OF_4000, FLOAT32_SCALAR, FLOAT32_VALUE
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import Status
-from dofbench.gaussians.density import DensityOptions
-from dofbench.gaussians.model import PARAMETERS, Gaussians
-from dofbench.gaussians.optimiser import GaussianOptimiser, RateOptions
-from dofbench.gaussians.relocation import Relocation, RelocationOptions, shared_among
-from dofbench.gaussians.vanilla import Vanilla
+from dofbench.training.gaussians.density import DensityOptions
+from dofbench.training.gaussians.model import PARAMETERS, Gaussians
+from dofbench.training.gaussians.optimiser import GaussianOptimiser, RateOptions
+from dofbench.training.gaussians.relocation import Relocation, RelocationOptions, shared_among
+from dofbench.training.gaussians.vanilla import Vanilla
 
 
 @given(st.floats(0.01, 0.99), st.integers(1, 51))

@@ -4,8 +4,8 @@ import numpy as np
 import torch
 from random_gaussians import scene, view
 
-from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.render import AppearanceOptions, rasterise, rasterise_from_points
+from dofbench.training.gaussians.model import Gaussians
+from dofbench.training.gaussians.render import AppearanceOptions, rasterise, rasterise_from_points
 
 
 def test_radius_and_blur_reach_the_kernel_and_get_the_gradient():

@@ -9,9 +9,9 @@ from random_gaussians import scene, view
 from tolerances import DRAWN_OR_NOT, FAR_POSITION, FLOAT32_SCALAR, FLOAT32_VALUE, LEVEL_8BIT
 
 from dofbench.core.errors import InputError
-from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.render import AppearanceOptions, rasterise
-from dofbench.gaussians.splats import lower_degree, read_offset, read_splats, write_splats
+from dofbench.training.gaussians.model import Gaussians
+from dofbench.training.gaussians.render import AppearanceOptions, rasterise
+from dofbench.training.gaussians.splats import lower_degree, read_offset, read_splats, write_splats
 
 FIELDS = (
     ["x", "y", "z", "nx", "ny", "nz"]

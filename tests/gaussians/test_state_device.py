@@ -9,10 +9,10 @@ import torch
 from small_scene import options, training_set
 from torch import Tensor
 
-from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.training_state import TrainingState
-from dofbench.learning.lens_ties import lens_ties
-from dofbench.learning.lenses import LearnedLenses
+from dofbench.training.common.lens_ties import lens_ties
+from dofbench.training.common.lenses import LearnedLenses
+from dofbench.training.gaussians.model import Gaussians
+from dofbench.training.gaussians.training_state import TrainingState
 
 
 @pytest.fixture

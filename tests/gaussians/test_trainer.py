@@ -20,11 +20,11 @@ from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import Status
-from dofbench.gaussians.forward import lens_samples
-from dofbench.gaussians.model import NEAR
-from dofbench.gaussians.render import rasterise
-from dofbench.gaussians.trainer import Trainer
-from dofbench.learning.supervision import sparse_depth
+from dofbench.training.common.supervision import sparse_depth
+from dofbench.training.gaussians.forward import lens_samples
+from dofbench.training.gaussians.model import NEAR
+from dofbench.training.gaussians.render import rasterise
+from dofbench.training.gaussians.trainer import Trainer
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def test_freshly_compiled_kernels_train_to_the_same_bits_as_cached_ones(tmp_path
         "digest = hashlib.sha256(repr(trainer.lens_estimates()).encode())\n"
         "for name, value in trainer.gaussians.parameters.items():\n"
         "    digest.update(value.detach().numpy().tobytes())\n"
-        "from dofbench.kernels.scatter.cpu_direct_backward import pack_gradient\n"
+        "from dofbench.runtime.ops.scatter.cpu_direct_backward import pack_gradient\n"
         "print(digest.hexdigest(), sum(pack_gradient.stats.cache_misses.values()))\n"
     )
     paths = os.pathsep.join([str(Path(__file__).parent), str(Path(__file__).parents[1])])

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from small_scene import options, training_set
 
-from dofbench.gaussians.training_state import TrainingState
+from dofbench.training.gaussians.training_state import TrainingState
 
 
 def test_a_snapshot_brings_back_what_training_changes() -> None:

@@ -8,12 +8,12 @@ import pytest
 import torch
 from small_scene import cameras, options, training_set
 
-from dofbench.gaussians.step_rasteriser import StepRasteriser
-from dofbench.gaussians.training_state import TrainingState
-from dofbench.learning.nonfinite import NonFiniteError, Place
-from dofbench.learning.outliers import LEAST_VIEWS, OutlierOptions
-from dofbench.learning.stage_clock import StageClock
-from dofbench.learning.view_order import ViewOrder
+from dofbench.training.common.nonfinite import NonFiniteError, Place
+from dofbench.training.common.outliers import LEAST_VIEWS, OutlierOptions
+from dofbench.training.common.stage_clock import StageClock
+from dofbench.training.common.view_order import ViewOrder
+from dofbench.training.gaussians.step_rasteriser import StepRasteriser
+from dofbench.training.gaussians.training_state import TrainingState
 
 
 def test_time_within_another_stage_counts_to_its_own_alone(monkeypatch):

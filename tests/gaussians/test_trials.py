@@ -11,11 +11,11 @@ from small_scene import options, training_set
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
-from dofbench.core.exif import Exif
-from dofbench.gaussians.gaussian_options import GaussianOptions
-from dofbench.gaussians.trainer import Trainer
-from dofbench.gaussians.trials import Trials, questions
-from dofbench.learning.held_back import HeldBackScores
+from dofbench.core.image_files.exif import Exif
+from dofbench.training.common.held_back import HeldBackScores
+from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.gaussians.trainer import Trainer
+from dofbench.training.gaussians.trials import Trials, questions
 
 OPEN = {
     "lens_trials": "lens",

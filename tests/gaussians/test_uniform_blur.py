@@ -10,7 +10,7 @@ import torch
 from blur_cases import CAMERA, no_view, one_gaussian, shot
 from tolerances import ADAM_TURNS, BLUR_INTEGRAL, FLOAT32_GRADIENT
 
-from dofbench.gaussians.forward.uniform_blur import UniformBlur, UniformBlurOptions
+from dofbench.training.gaussians.forward.uniform_blur import UniformBlur, UniformBlurOptions
 
 
 def test_a_uniform_blur_adds_its_variance_to_every_footprint_and_keeps_its_light() -> None:

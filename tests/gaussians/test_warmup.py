@@ -10,12 +10,12 @@ import pytest
 from made_up import Recorder, cloud, frontal
 from small_scene import training_set
 
-from dofbench.compute.raster import ViewStatistics
 from dofbench.core.budget import Budget
-from dofbench.gaussians import trainer, warmup
-from dofbench.gaussians.gaussian_method import GaussianMethod
-from dofbench.gaussians.gaussian_options import GaussianOptions
-from dofbench.gaussians.model import Gaussians
+from dofbench.runtime.raster import ViewStatistics
+from dofbench.training.gaussians import trainer, warmup
+from dofbench.training.gaussians.gaussian_method import GaussianMethod
+from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.gaussians.model import Gaussians
 
 
 @pytest.fixture

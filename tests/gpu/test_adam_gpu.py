@@ -9,10 +9,10 @@ from made_up import cloud
 from test_adam import EPSILON, RATE, Several, begun, steps
 from tolerances import FLOAT32_VALUE
 
-from dofbench.compute.gpu_launch import recorded
-from dofbench.gaussians.model import Gaussians
-from dofbench.gaussians.optimiser import GaussianOptimiser, RateOptions
-from dofbench.kernels import load
+from dofbench.runtime.gpu_launch import recorded
+from dofbench.runtime.ops import load
+from dofbench.training.gaussians.model import Gaussians
+from dofbench.training.gaussians.optimiser import GaussianOptimiser, RateOptions
 
 
 def test_steps_agree_with_the_definition() -> None:

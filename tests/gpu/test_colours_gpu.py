@@ -6,7 +6,7 @@ import pytest
 import torch
 from gpu_agreement import assert_agrees
 
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
 
 
 @pytest.mark.parametrize(("height", "width"), [(30, 37), (1, 1)])

@@ -16,10 +16,10 @@ from waits_of_steps import Steps
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import FitOutcome
 from dofbench.core.errors import Status
-from dofbench.fields.field_method import FieldMethod
-from dofbench.fields.field_trainer import FieldTrainer
-from dofbench.fields.kernel_field_method import DeformableField, ProgressiveField, RigidField
-from dofbench.fields.lens_field_method import LensRayField, PatchField
+from dofbench.training.fields.field_method import FieldMethod
+from dofbench.training.fields.field_trainer import FieldTrainer
+from dofbench.training.fields.kernel_field_method import DeformableField, ProgressiveField, RigidField
+from dofbench.training.fields.lens_field_method import LensRayField, PatchField
 
 STEPS = 4  # within them the grid grows, cells are looked at and the grid's roughness counts
 BAD = 1  # the view with a NaN in its photograph

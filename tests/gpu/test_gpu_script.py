@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import small_dataset
 import torch
-from dofbench.kernels.rasterize.reference import rasterize
+from dofbench.runtime.ops.rasterize.reference import rasterize
 from pretended_device import pretended
 from small_dataset import write_dataset
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE

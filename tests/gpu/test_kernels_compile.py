@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from dofbench.kernels import backends, ops
+from dofbench.runtime.ops import backends, ops
 
 ROOT = Path(__file__).resolve().parents[2]
 

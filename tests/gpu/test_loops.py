@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 
-import dofbench.kernels
+import dofbench.runtime.ops
 
-KERNELS = Path(dofbench.kernels.__path__[0])
+KERNELS = Path(dofbench.runtime.ops.__path__[0])
 MODULES = sorted(KERNELS.glob("*/gpu*.py"))
 
 

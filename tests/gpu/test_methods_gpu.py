@@ -15,7 +15,7 @@ from dofbench.core.budget import Budget
 from dofbench.core.contracts import Rendering
 from dofbench.core.errors import Status
 from dofbench.core.lens import PhysicalLens
-from dofbench.running.method_cards import find_method, method_files
+from dofbench.methods.cards import find_method, method_files
 
 METHODS = sorted(name for name in method_files() if "cuda" in find_method(name).card.devices)
 LENS = PhysicalLens(aperture=8.0, focus_disparity=1 / 6, width=12)

@@ -6,7 +6,7 @@ import pytest
 import torch
 from gpu_agreement import assert_agrees
 
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
 
 
 @pytest.mark.parametrize(("height", "width", "channels", "size"), [(7, 21, 3, 3), (3, 4, 5, 5), (1, 1, 1, 3)])

@@ -8,7 +8,7 @@ import pytest
 import torch
 from random_gaussians import NAMES, scene, view
 
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
 
 gpu = load("rasterize", "gpu")
 

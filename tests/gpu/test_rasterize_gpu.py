@@ -11,9 +11,9 @@ import torch
 from random_gaussians import NAMES, assert_agree, assert_close, reference, render, scene, turned, view
 from tolerances import BLUR_OF_NEEDLES, DISTORTION, FLOAT32_GRADIENT, FLOAT32_VALUE
 
-from dofbench.compute.raster import ViewStatistics
 from dofbench.core.cameras import Camera
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
+from dofbench.runtime.raster import ViewStatistics
 
 gpu = load("rasterize", "gpu")
 FRONTAL = Camera(24, 20, 30.0, 30.0, 12.5, 10.5, np.eye(4))

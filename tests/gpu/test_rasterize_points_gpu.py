@@ -10,8 +10,8 @@ import torch
 from random_gaussians import assert_close, scene, view
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
 
-from dofbench.compute.raster import ViewStatistics
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
+from dofbench.runtime.raster import ViewStatistics
 
 gpu = load("rasterize", "gpu")
 from_points = load("rasterize", "gpu", function="rasterize_from_points")

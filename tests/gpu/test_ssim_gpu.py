@@ -7,7 +7,7 @@ import torch
 from gpu_agreement import assert_agrees, called, distance
 from tolerances import FLOAT32_GRADIENT, SSIM_NEAR_ONE
 
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
 
 
 def pair(height: int, width: int, channels: int = 3, noise: float = 0.1) -> tuple[torch.Tensor, torch.Tensor]:

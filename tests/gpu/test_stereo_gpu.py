@@ -11,7 +11,7 @@ from pretended_device import pretended
 from stereo_cases import LIMITS, PENALTIES, REFUSED, case, depths, plane_beside, share_of_differing, shifted
 from tolerances import FLAT_SCORE, FLOAT32_GRADIENT, FLOAT32_VALUE, STEREO_AT_A_BORDER
 
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
 
 
 def gpu(function: str = "stereo") -> Callable[..., Any]:
@@ -79,7 +79,7 @@ def test_a_pixel_that_no_source_sees_scores_as_unrelated_patches_do() -> None:
 
 
 def test_planes_swept_in_parts_have_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
-    from dofbench.kernels.stereo import gpu as backend
+    from dofbench.runtime.ops.stereo import gpu as backend
 
     given = case(4, 5, 2, 3, seed=0)
     whole = gpu()(*given, radius=1, best=2)

@@ -9,7 +9,7 @@ import pytest
 import torch
 from gpu_agreement import assert_agrees
 
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
 
 LEAST_ALPHA = 0.1
 

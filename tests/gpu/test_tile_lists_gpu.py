@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 import torch
-from dofbench.kernels.rasterize.gpu_inputs import TILE, Settings
-from dofbench.kernels.rasterize.gpu_lists import Lists, project_and_list
+from dofbench.runtime.ops.rasterize.gpu_inputs import TILE, Settings
+from dofbench.runtime.ops.rasterize.gpu_lists import Lists, project_and_list
 from random_gaussians import scene, turned, view
 
 from dofbench.core.cameras import Camera
@@ -93,6 +93,6 @@ def test_the_neighbour_in_the_list_of_a_tile_that_holds_many() -> None:
 
 
 def test_more_intersections_than_can_be_numbered_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dofbench.kernels.rasterize.gpu_lists.BAD", 30)
+    monkeypatch.setattr("dofbench.runtime.ops.rasterize.gpu_lists.BAD", 30)
     with pytest.raises(InputError, match=r"places where Gaussians meet tiles, expected fewer than 30: fewer Gauss"):
         listed(scene(60, 3, rest=0), view())

@@ -8,7 +8,7 @@ import pytest
 import torch
 from gpu_agreement import assert_agrees
 
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
 
 TOE = 0.5 / 255
 

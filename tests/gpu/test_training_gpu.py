@@ -14,7 +14,7 @@ from waits_of_steps import Steps
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import Status
-from dofbench.gaussians.trainer import Trainer
+from dofbench.training.gaussians.trainer import Trainer
 
 STEPS = 20
 BAD = 0  # view whose turn isn't in the first step

@@ -10,15 +10,15 @@ from fake_method import write_method
 from small_dataset import write_dataset
 
 from dofbench.core.budget import Budget
-from dofbench.dataset.benchmark_dataset import BenchmarkDataset, BenchmarkView
-from dofbench.dataset.dataset import Dataset
-from dofbench.results.protocol import protocol_for
-from dofbench.running.facts import facts_of
-from dofbench.running.method_cards import find_method
+from dofbench.datasets.format.benchmark_dataset import BenchmarkDataset, BenchmarkView
+from dofbench.datasets.format.dataset import Dataset
+from dofbench.evaluation.results.protocol import protocol_for
+from dofbench.evaluation.scoring.evaluate import Evaluator
+from dofbench.evaluation.scoring.ground_truth import photograph_columns
+from dofbench.methods.cards import find_method
+from dofbench.methods.stages.facts import facts_of
 from dofbench.running.observer import OneStep
 from dofbench.running.plan import make_plan
-from dofbench.scoring.evaluate import Evaluator
-from dofbench.scoring.ground_truth import photograph_columns
 
 EVERY = tuple(f"v{index}" for index in range(6))
 

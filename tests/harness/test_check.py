@@ -15,16 +15,16 @@ from fake_method import fake_run
 from relisted import edit_json
 from rich.console import Console
 
-from dofbench import cli
-from dofbench.commands.check import Verdict, check
+from dofbench.cli import app
+from dofbench.cli.check import Verdict, check
 from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image, write_png
-from dofbench.results.result import read_result
-from dofbench.results.run_lease import run_lease
+from dofbench.evaluation.results.result import read_result
+from dofbench.evaluation.results.run_lease import run_lease
+from dofbench.evaluation.scoring.result_consistency import inconsistencies
 from dofbench.running.check_results import check_result
 from dofbench.running.rescore import score
-from dofbench.scoring.result_consistency import inconsistencies
 
 
 @pytest.fixture(scope="module")
@@ -287,8 +287,8 @@ def test_the_dataset_is_found_from_another_folder(
     edit(folder, lambda content: content.update(data="elsewhere/data", data_from_here=""))
     assert check(folder) is Verdict.NOT_RECOMPUTED
     assert "scores not recomputed (elsewhere/data: found no such folder" in said_of(folder)[1]
-    assert cli.main(["check", str(folder)]) == cli.NOT_RECOMPUTED == 3
-    assert cli.main(["check", str(folder), "--data", str(data / "data")]) == cli.DONE
+    assert app.main(["check", str(folder)]) == app.NOT_RECOMPUTED == 3
+    assert app.main(["check", str(folder), "--data", str(data / "data")]) == app.DONE
     shutil.copytree(data / "data", tmp_path / "waves")
     assert check(folder) is Verdict.GOOD
     (tmp_path / "waves").rename(tmp_path / "renamed")

@@ -14,14 +14,14 @@ from tolerances import DIFFERENCE_BLUR, EDGE_BLUR, GAIN_BY_MEDIANS, MEASURED_NOI
 
 from dofbench.core.content import content_folder
 from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
-from dofbench.core.exif import Exif
+from dofbench.core.image_files.exif import Exif
 from dofbench.core.images import from_8bit, resize, to_8bit
 from dofbench.core.lens import DisparityRange, Lens
+from dofbench.methods.stages.colour_spread import colour_spread, light_spread, view_gains
+from dofbench.methods.stages.facts import facts_of
+from dofbench.methods.stages.stage_deciders import NEEDLESS_BLUR, NEEDLESS_COLOURS, NEEDLESS_DEPENDENCE
 from dofbench.optics.blur_width import blur_deviation, noise_deviation
 from dofbench.optics.defocus import defocus_numpy
-from dofbench.running.colour_spread import colour_spread, light_spread, view_gains
-from dofbench.running.facts import facts_of
-from dofbench.running.stage_deciders import NEEDLESS_BLUR, NEEDLESS_COLOURS, NEEDLESS_DEPENDENCE
 from dofbench.scenes import load_scene
 
 SMALLER = 2  # the built-in scene is looked at at half its size: seconds instead of half a minute

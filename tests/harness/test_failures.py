@@ -14,10 +14,10 @@ from called import killed
 from harness_fakes import text_console
 
 from dofbench.core.errors import InputError, Status
-from dofbench.core.leases import at_work
-from dofbench.results.result import read_result
-from dofbench.results.run_lease import read_lease, run_lease
-from dofbench.scoring.evaluate import Evaluator
+from dofbench.evaluation.results.result import read_result
+from dofbench.evaluation.results.run_lease import read_lease, run_lease
+from dofbench.evaluation.scoring.evaluate import Evaluator
+from dofbench.runtime.leases import at_work
 
 
 @pytest.mark.parametrize(
@@ -110,8 +110,9 @@ def test_two_processes_never_write_one_result(call) -> None:
 def test_a_killed_process_leaves_a_trace(call, tmp_path: Path) -> None:
     spec = read_result(call().folder).spec
     script = (
-        "import json, sys, time\nfrom pathlib import Path\nfrom dofbench.results.run_lease import run_lease\n"
-        "from dofbench.results.result import Spec\n"
+        "import json, sys, time\nfrom pathlib import Path\n"
+        "from dofbench.evaluation.results.run_lease import run_lease\n"
+        "from dofbench.evaluation.results.result import Spec\n"
         "with run_lease(Path(sys.argv[1]), Spec(**json.loads(sys.argv[2])), 'waves', 'noon'):\n"
         "    Path(sys.argv[3]).touch()\n    time.sleep(60)\n"
     )

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 from fake_method import write_method
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
-from dofbench.results.result import read_result
-from dofbench.running.frozen_presets import choices_digest, freeze, frozen_presets, preset_digest, state_of
-from dofbench.running.method_cards import find_method, preset_budget
+from dofbench.evaluation.results.result import read_result
+from dofbench.methods.cards import find_method, preset_budget
+from dofbench.methods.frozen_presets import choices_digest, freeze, frozen_presets, preset_digest, state_of
 
 
 def git(folder: Path, *words: str) -> str:
@@ -43,12 +43,12 @@ def change(root: Path, old: str, new: str, file: str = "method.toml") -> None:
 
 def test_a_preset_is_frozen_at_a_commit(checkout: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert frozen_presets(checkout / "fake") == {}
-    assert cli.main(["methods", "fake", "--freeze", "quick"]) == 0
+    assert app.main(["methods", "fake", "--freeze", "quick"]) == 0
     said = capsys.readouterr().out
     (entry,) = frozen_presets(checkout / "fake").values()
     assert entry.commit == git(checkout, "rev-parse", "HEAD") and entry.commit[:12] in said
     assert entry.digest == preset_digest(find_method("fake"), "quick")
-    assert cli.main(["methods", "fake"]) == 0
+    assert app.main(["methods", "fake"]) == 0
     assert f"quick: frozen at {entry.commit[:12]}, the default" in capsys.readouterr().out
     # A second preset can be frozen before the file is committed, and the first one stays as it was.
     git(checkout, "commit", "-q", "--allow-empty", "-m", "Something else")
@@ -65,7 +65,7 @@ def test_a_changed_preset_is_told_and_not_frozen_over(checkout: Path, capsys: py
     git(checkout, "commit", "-qam", "Another preset")
     with pytest.raises(InputError, match="found other options than at .*expected another name"):
         freeze("fake", "quick")
-    assert cli.main(["methods", "fake"]) == 0 and ", and changed since" in capsys.readouterr().out
+    assert app.main(["methods", "fake"]) == 0 and ", and changed since" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_only_what_is_committed_is_frozen(checkout: Path, edit: Callable[[Path],
 
 def test_a_wrong_call_is_one_line(checkout: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words in (["--freeze", "quick"], ["fake", "--freeze", "perfect"], ["nobody", "--freeze", "quick"]):
-        assert cli.main(["methods", *words]) == 2
+        assert app.main(["methods", *words]) == 2
         assert capsys.readouterr().err.count("\n") == 1
     (checkout / "fake" / "frozen.toml").write_text('[presets.quick]\ncommit = "abc"\n')
     with pytest.raises(InputError, match=r"frozen.toml: found presets.quick.commit: .*; presets.quick.digest"):

@@ -13,15 +13,15 @@ from small_dataset import write_dataset
 from dofbench.core.budget import Budget
 from dofbench.core.images import read_exr, read_image, write_exr, write_png
 from dofbench.core.masks import write_mask
-from dofbench.dataset.dataset import Dataset
-from dofbench.results.protocol import protocol_for
-from dofbench.running.facts import facts_of
-from dofbench.running.method_cards import find_method
+from dofbench.datasets.format.dataset import Dataset
+from dofbench.evaluation.results.protocol import protocol_for
+from dofbench.evaluation.scoring.evaluate import Evaluation, Evaluator
+from dofbench.evaluation.scoring.ground_truth import photograph_columns
+from dofbench.methods.cards import find_method
+from dofbench.methods.stages.facts import facts_of
 from dofbench.running.observer import OneStep
 from dofbench.running.plan import make_plan
 from dofbench.running.warm_up import miniature
-from dofbench.scoring.evaluate import Evaluation, Evaluator
-from dofbench.scoring.ground_truth import photograph_columns
 
 EVERY = tuple(f"v{index}" for index in range(6))
 KINDS = {"known lenses": {}, "photographs": {"unknown": EVERY, "blurred": EVERY, "flat": EVERY, "exact": False}}

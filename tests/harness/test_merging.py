@@ -13,20 +13,20 @@ import pytest
 from harness_fakes import Here, text_console
 from rich.console import Console
 
-from dofbench.commands.run_methods import run_methods
-from dofbench.core import leases
+from dofbench.cli.run_methods import run_methods
 from dofbench.core.errors import InputError, Status
 from dofbench.core.jobs import Busy, Resources
+from dofbench.evaluation.results.collecting import collect
+from dofbench.evaluation.results.result import read_result, write_result
+from dofbench.evaluation.results.run_lease import run_lease
+from dofbench.evaluation.results.run_spec import Run
 from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
-from dofbench.results.collecting import collect
-from dofbench.results.result import read_result, write_result
-from dofbench.results.run_lease import run_lease
-from dofbench.results.run_spec import Run
 from dofbench.running import execution
 from dofbench.running.prepare import plan_run
 from dofbench.running.run_jobs import run_job
 from dofbench.running.run_options import Runs
+from dofbench.runtime import leases
 
 
 def another_machine(monkeypatch: pytest.MonkeyPatch, name: str = "another one") -> None:

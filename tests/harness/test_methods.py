@@ -10,7 +10,7 @@ from fake_method import METHOD_TOML, write_method
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
-from dofbench.running.method_cards import find_method, method_files
+from dofbench.methods.cards import find_method, method_files
 
 
 @pytest.fixture

@@ -12,11 +12,11 @@ from small_dataset import write_dataset
 from dofbench.core.contracts import Decision
 from dofbench.core.errors import InputError
 from dofbench.core.files import canonical_json
-from dofbench.dataset.dataset import Dataset
-from dofbench.results.lens_columns import lens_words
-from dofbench.results.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS, protocol_for
-from dofbench.running.facts import Facts
-from dofbench.running.method_cards import find_method
+from dofbench.datasets.format.dataset import Dataset
+from dofbench.evaluation.results.lens_columns import lens_words
+from dofbench.evaluation.results.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS, protocol_for
+from dofbench.methods.cards import find_method
+from dofbench.methods.stages.facts import Facts
 from dofbench.running.plan import RunPlan, Stage, decided, make_plan, revised
 
 

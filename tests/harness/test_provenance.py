@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dofbench.results import provenance
-from dofbench.scoring.error_maps import FULL_SCALE, error_map
+from dofbench.evaluation.results import provenance
+from dofbench.evaluation.scoring.error_maps import FULL_SCALE, error_map
 
 
 def test_no_checkout_no_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -22,7 +22,7 @@ def test_no_checkout_no_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 PEAK = """
 import numpy as np
-from dofbench.results import provenance
+from dofbench.evaluation.results import provenance
 provenance.reset_peak_memory()
 before = provenance.peak_memory_mb()
 block = np.ones(40_000_000, dtype=np.uint8)

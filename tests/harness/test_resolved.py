@@ -7,7 +7,7 @@ from tolerances import FLOAT32_VALUE
 
 from dofbench.core.contracts import Rendering
 from dofbench.core.lens import PhysicalLens
-from dofbench.scoring.resolved import ResolvedCircles, resolved_map, resolved_share
+from dofbench.evaluation.scoring.resolved import ResolvedCircles, resolved_map, resolved_share
 
 NEAR, FAR, WIDTH, HEIGHT = 2.0, 4.0, 40, 30
 

@@ -14,9 +14,9 @@ from relisted import edit_json, write_again
 from tolerances import FLOAT64_VALUE
 
 from dofbench.core.errors import InputError, Status
-from dofbench.results import result as module
-from dofbench.results.protocol import arithmetic_mean
-from dofbench.results.result import SCHEMA_VERSION, Result, Spec, read_result, write_result
+from dofbench.evaluation.results import result as module
+from dofbench.evaluation.results.protocol import arithmetic_mean
+from dofbench.evaluation.results.result import SCHEMA_VERSION, Result, Spec, read_result, write_result
 
 
 def make_spec(**changes) -> Spec:

@@ -9,8 +9,8 @@ import pytest
 from harness_fakes import text_console
 from small_dataset import write_dataset
 
-from dofbench.results.result import read_result
-from dofbench.results.run_spec import Run
+from dofbench.evaluation.results.result import read_result
+from dofbench.evaluation.results.run_spec import Run
 from dofbench.running.prepare import plan_run
 
 

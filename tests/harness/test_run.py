@@ -16,17 +16,17 @@ from rich.console import Console
 from small_dataset import write_dataset
 from tolerances import PSNR_OF_FLOAT32
 
-from dofbench.compute import kernel_cache
 from dofbench.core.clock import Stopwatch, loading
 from dofbench.core.errors import InputError, Status
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image
-from dofbench.results.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS
-from dofbench.results.result import read_result
+from dofbench.evaluation.results.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS
+from dofbench.evaluation.results.result import read_result
+from dofbench.evaluation.scoring.evaluate import Evaluator
 from dofbench.running import one_run
 from dofbench.running.check_results import check_result
 from dofbench.running.load_run import load_run
-from dofbench.scoring.evaluate import Evaluator
+from dofbench.runtime import kernel_cache
 
 OPEN = PROTOCOLS["refocus-v3"]
 

@@ -8,9 +8,9 @@ import pytest
 from called import called, dofbench
 
 from dofbench.core.content import content_folder
-from dofbench.results.result import Result, read_result
-from dofbench.synthesis import make_dataset
-from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.datasets.synthesis import make_dataset
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
+from dofbench.evaluation.results.result import Result, read_result
 
 TIMED = {"train_s", "train_cpu_s", "cold_start_s", "render_fps", "peak_mb"}
 

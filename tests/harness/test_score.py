@@ -21,14 +21,14 @@ from small_dataset import write_dataset
 from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image, write_png
-from dofbench.metrics import METRICS, Metric
+from dofbench.evaluation.metrics import METRICS, Metric
+from dofbench.evaluation.results.added_scores import read_added
+from dofbench.evaluation.results.protocol import DEPTH_COLUMNS
+from dofbench.evaluation.results.result import read_result
+from dofbench.evaluation.results.run_lease import run_lease
 from dofbench.reporting import report_files
 from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
-from dofbench.results.added_scores import read_added
-from dofbench.results.protocol import DEPTH_COLUMNS
-from dofbench.results.result import read_result
-from dofbench.results.run_lease import run_lease
 from dofbench.running.load_run import load_run
 from dofbench.running.rescore import columns_known, score
 

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.budget import Budget, parse_budget
 from dofbench.core.errors import InputError
-from dofbench.results.run_spec import Run, parse_overrides
+from dofbench.evaluation.results.run_spec import Run, parse_overrides
 
 STEPS = st.integers(1, 10**6)
 SECONDS = st.integers(1, 99_999).map(lambda tenths: tenths / 10)
@@ -77,4 +77,4 @@ def test_the_command_says_the_same_run() -> None:
     )
     words = shlex.split(settings.command())
     assert words[:2] == ["dofbench", "run"]
-    assert cli.parse(words[1:]).cells() == (settings,)
+    assert app.parse(words[1:]).cells() == (settings,)

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 from harness_fakes import text_console
 
-from dofbench.commands.run_methods import run_methods
+from dofbench.cli.run_methods import run_methods
 from dofbench.core.budget import parse_budget
 from dofbench.core.jobs import Outcome, Resources
 from dofbench.core.progress import Several
-from dofbench.results.result import read_result
-from dofbench.results.run_spec import Run
-from dofbench.running.method_cards import Costs, find_method
+from dofbench.evaluation.results.result import read_result
+from dofbench.evaluation.results.run_spec import Run
+from dofbench.methods.cards import Costs, find_method
 from dofbench.running.prepare import plan_run
 from dofbench.running.run_options import Runs
 from dofbench.running.time_estimate import expected, seconds_by_card, time_to_go

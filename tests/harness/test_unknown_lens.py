@@ -13,9 +13,9 @@ from rich.console import Console
 from small_dataset import write_dataset
 
 from dofbench.core.errors import Status
+from dofbench.evaluation.results.result import read_result
 from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
-from dofbench.results.result import read_result
 from dofbench.running.check_results import check_result
 from dofbench.running.one_run import RunEnd
 

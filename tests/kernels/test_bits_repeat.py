@@ -10,7 +10,7 @@ import kernel_bits
 import pytest
 from called import called
 
-from dofbench.kernels import backend_of, ops
+from dofbench.runtime.ops import backend_of, ops
 
 PROGRAM = Path(kernel_bits.__file__)
 # torch takes the powers of a chunk's last numbers another way than the rest, and each thread has a chunk.

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tolerances import FINITE_DIFFERENCE, FLOAT32_GRADIENT, FLOAT32_VALUE
 from torch import Tensor
 
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
 
 
 def drawn(height: int, width: int, seed: int) -> tuple[Tensor, Tensor, Tensor]:

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from tolerances import FINITE_DIFFERENCE
 from torch import Tensor
 
-from dofbench.compute.factored_grid import GridShape
-from dofbench.kernels import load
+from dofbench.runtime.factored_grid import GridShape
+from dofbench.runtime.ops import load
 
 BACKENDS = ("cpu", "reference")
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import correlate
 from tolerances import FINITE_DIFFERENCE, FLOAT32_GRADIENT, FLOAT32_VALUE, FLOAT64_VALUE
 
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
 
 cpu, reference = load("mix", "cpu"), load("mix", "reference")
 

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pytest
 import torch
-from dofbench.kernels.rasterize.reference import rotation_matrices
+from dofbench.runtime.ops.rasterize.reference import rotation_matrices
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_up import frontal

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from random_gaussians import assert_agree, assert_close, cpu, reference, render, scene, value_tolerance, view
 from tolerances import BLUR_INTEGRAL, BLUR_OF_NEEDLES, FINITE_DIFFERENCE, FLOAT32_GRADIENT, FLOAT32_VALUE
 
-from dofbench.compute.raster import GEOMETRIES
 from dofbench.core.cameras import Camera
+from dofbench.runtime.raster import GEOMETRIES
 
 
 def straight(x: float = 48.0, y: float = 40.0) -> Camera:

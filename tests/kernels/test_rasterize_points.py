@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from random_gaussians import assert_close, cpu, scene, view
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
 
-from dofbench.compute.raster import ViewStatistics
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
+from dofbench.runtime.raster import ViewStatistics
 
 from_points = load("rasterize", "cpu", function="rasterize_from_points")
 by_definition = load("rasterize", "reference", function="rasterize_from_points")

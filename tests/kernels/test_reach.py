@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 import torch
-from dofbench.kernels.rasterize import cpu as rasterizer
-from dofbench.kernels.rasterize import cpu_layout as layout
-from dofbench.kernels.scatter.cpu_pack import BLOCK, geometry, pack_sources
+from dofbench.runtime.ops.rasterize import cpu as rasterizer
+from dofbench.runtime.ops.rasterize import cpu_layout as layout
+from dofbench.runtime.ops.scatter.cpu_pack import BLOCK, geometry, pack_sources
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up import frontal

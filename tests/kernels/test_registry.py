@@ -10,11 +10,11 @@ import pytest
 import torch
 from called import imported_by
 
-from dofbench import kernels
 from dofbench.core.errors import InputError
+from dofbench.runtime import ops as kernels
 
 REFERENCE = """
-from dofbench.compute.backend import Backend
+from dofbench.runtime.backend import Backend
 
 BACKEND = Backend(devices=("cpu",), dtypes=("float64", "float32"), bits_repeat=False)
 
@@ -27,7 +27,7 @@ def twice(values):
     return "twice by the reference"
 """
 META = """
-from dofbench.compute.backend import Backend
+from dofbench.runtime.backend import Backend
 
 warmed = []
 BACKEND = Backend(
@@ -53,7 +53,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(kernels, "__path__", [*kernels.__path__, str(tmp_path)])
     invalidate_caches()
     yield tmp_path
-    for name in [name for name in sys.modules if name.startswith(("dofbench.kernels.lone", "dofbench.kernels.both"))]:
+    for name in [
+        name for name in sys.modules if name.startswith(("dofbench.runtime.ops.lone", "dofbench.runtime.ops.both"))
+    ]:
         del sys.modules[name]
 
 
@@ -170,7 +172,7 @@ def test_the_warm_up_is_that_of_the_backend_that_would_be_called(folder: Path) -
     assert not kernels.is_warm("both", "meta")
     kernels.warm_up("both", "meta", form="linear")
     assert kernels.is_warm("both", "meta")
-    assert sys.modules["dofbench.kernels.both.meta"].warmed == [{"form": "linear"}]
+    assert sys.modules["dofbench.runtime.ops.both.meta"].warmed == [{"form": "linear"}]
     kernels.warm_up("both")  # the reference has nothing to compile
     assert kernels.is_warm("both")
 

@@ -21,7 +21,7 @@ from tolerances import (
 )
 
 from dofbench.core.lens import ApertureShape
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
 
 DISC = ApertureShape()
 HEXAGON = ApertureShape(blades=6, rotation=0.3, curvature=0.2)

@@ -16,7 +16,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE, FLOAT64_VALUE, SSIM_NEAR_ONE
 
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
 
 reference, kernel = load("ssim", "reference"), load("ssim", "cpu")
 reference_l1, kernel_l1 = (load("ssim", backend, function="l1_ssim") for backend in ("reference", "cpu"))
@@ -261,7 +261,7 @@ def test_number_of_threads_changes_no_bit() -> None:
 def test_kernel_from_the_cache_gives_the_same_bits(tmp_path: Path) -> None:
     """With fastmath, a kernel fresh from the compiler and the same one from numba's cache differed."""
     script = (
-        "import hashlib, torch; from dofbench.kernels import load\n"
+        "import hashlib, torch; from dofbench.runtime.ops import load\n"
         "p, t = torch.rand(2, 40, 260, 3, generator=torch.Generator().manual_seed(0)); p.requires_grad_()\n"
         "loss = load('ssim', 'cpu', function='l1_ssim')(p, t, ssim_weight=0.2, edge_weight=1.0); loss.backward()\n"
         "print(loss.item().hex(), hashlib.sha256(p.grad.numpy().tobytes()).hexdigest())"

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from stereo_cases import LIMITS, PENALTIES, REFUSED, case, depths, plane_beside, share_of_differing, shifted
 from tolerances import FLAT_SCORE, FLOAT32_GRADIENT, FLOAT32_VALUE, STEREO_AT_A_BORDER
 
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
 
 
 @settings(max_examples=12)
@@ -54,7 +54,7 @@ def test_a_level_with_fewer_planes_keeps_what_is_linear():
 
 
 def test_blocks_of_columns_change_no_bit(monkeypatch):
-    from dofbench.kernels.stereo import cpu
+    from dofbench.runtime.ops.stereo import cpu
 
     random = torch.Generator().manual_seed(0)
     scores, guide = torch.rand(9, 83, 11, generator=random), torch.rand(9, 83, generator=random)

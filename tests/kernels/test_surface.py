@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from tolerances import FINITE_DIFFERENCE, FLOAT32_GRADIENT, FLOAT32_VALUE, FLOAT64_VALUE
 from torch import Tensor
 
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
 
 LEAST_ALPHA = 0.1
 SIZES = st.integers(1, 90)

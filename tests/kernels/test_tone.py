@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FINITE_DIFFERENCE, FLOAT32_VALUE
 
-from dofbench.kernels import load
+from dofbench.runtime.ops import load
 
 TOE = 0.5 / 255
 exponents = st.sampled_from([0.25, 1 / 2.2, 0.5, 1.0, 2.0, 2.2, 4.0])

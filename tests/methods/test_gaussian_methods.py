@@ -12,12 +12,12 @@ from dofbench.core.budget import Budget
 from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.lens import PhysicalLens
-from dofbench.gaussians.gaussian_options import GaussianOptions
-from dofbench.gaussians.rendering_options import RENDERING
-from dofbench.gaussians.splats import read_offset
+from dofbench.methods.cards import find_method
 from dofbench.running.ablation_tables import TUNING, read_tables, tables_of
-from dofbench.running.method_cards import find_method
 from dofbench.scenes.ply import read_vertices
+from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.gaussians.rendering_options import RENDERING
+from dofbench.training.gaussians.splats import read_offset
 
 CAMERA = noise().views[0].camera
 LENS = PhysicalLens(aperture=8.0, focus_disparity=0.2, width=40)

@@ -10,8 +10,7 @@ import pytest
 from called import called
 from fake_method import write_method
 
-from dofbench import cli
-from dofbench.commands import list_methods
+from dofbench.cli import app, list_methods
 from dofbench.core.content import content_folder
 
 SHIPPED = {file.parent.name for file in content_folder("methods").glob("*/method.toml")}
@@ -62,7 +61,7 @@ def said(capsys: pytest.CaptureFixture[str]):
     """`said("methods", ...)` calls the command line; returns the exit status, what was printed, and the complaint."""
 
     def call(*words: str) -> tuple[int, list[str], str]:
-        status = cli.main(words)
+        status = app.main(words)
         printed = capsys.readouterr()
         return status, printed.out.splitlines(), printed.err
 
@@ -185,7 +184,7 @@ def test_a_class_that_cannot_be_loaded_leaves_the_rest(fakes: Path, said, code: 
 
 def test_the_program_lists_them_without_loading_any() -> None:
     script = (
-        "import sys; from dofbench import cli; status = cli.main(['methods'])\n"
+        "import sys; from dofbench import cli; status = app.main(['methods'])\n"
         "print('loaded', [name for name in ('torch', 'numba', 'cv2', 'pycolmap') if name in sys.modules])\n"
         "sys.exit(status)"
     )

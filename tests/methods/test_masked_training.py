@@ -12,7 +12,7 @@ from small_scene import HEIGHT, WIDTH, cameras, training_set
 from dofbench.core.budget import Budget
 from dofbench.core.content import content_folder
 from dofbench.core.contracts import TrainingSet
-from dofbench.running.method_cards import find_method
+from dofbench.methods.cards import find_method
 
 METHODS = sorted(file.parent.name for file in content_folder("methods").glob("*/method.toml"))
 STEPS = 16

@@ -9,11 +9,11 @@ from fake_method import METHOD_TOML, write_method
 from made_up import Recorder
 from small_scene import noise
 
-from dofbench import kernels
-from dofbench.compute import devices
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
-from dofbench.running.method_cards import find_method, method_files
+from dofbench.methods.cards import find_method, method_files
+from dofbench.runtime import devices
+from dofbench.runtime import ops as kernels
 
 
 @pytest.fixture

@@ -11,12 +11,12 @@ from made_up import Recorder
 from small_scene import cameras, training_set
 from tolerances import FLOAT32_VALUE
 
-from dofbench import kernels
 from dofbench.core.budget import Budget
 from dofbench.core.content import content_folder
 from dofbench.core.errors import Status
 from dofbench.core.lens import PhysicalLens
-from dofbench.running.method_cards import find_method
+from dofbench.methods.cards import find_method
+from dofbench.runtime import ops as kernels
 
 METHODS = sorted(file.parent.name for file in content_folder("methods").glob("*/method.toml"))
 LENS = PhysicalLens(aperture=30.0, focus_disparity=1 / 6, width=48)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tolerances import FLOAT32_VALUE, FLOAT64_VALUE
 
 from dofbench.core.lens import DisparityRange, Lens
-from dofbench.metrics.depth_errors import disparity_error, relative_error
+from dofbench.evaluation.metrics.depth_errors import disparity_error, relative_error
 
 RANGE = DisparityRange(0.1, 0.6)
 TRUTH = np.random.default_rng(0).uniform(2, 9, (6, 7))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT64_VALUE
 
-from dofbench.metrics.exif_errors import exif_errors
+from dofbench.evaluation.metrics.exif_errors import exif_errors
 
 
 def test_by_hand() -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import spearmanr
 from tolerances import FLOAT64_VALUE
 
-from dofbench.metrics.exif_focus_errors import exif_focus_errors
+from dofbench.evaluation.metrics.exif_focus_errors import exif_focus_errors
 
 DISTANCES = [0.5, 0.7, 0.9, 1.3, 2.0, 4.0, math.inf]
 

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from tolerances import FLOAT64_VALUE
 
 from dofbench.core.cameras import Camera
-from dofbench.core.exif import Exif
+from dofbench.core.image_files.exif import Exif
 from dofbench.core.lens import PhysicalLens
-from dofbench.metrics.exif_errors import exif_errors
-from dofbench.scoring.exif_scores import exif_scores, learned_apertures
+from dofbench.evaluation.metrics.exif_errors import exif_errors
+from dofbench.evaluation.scoring.exif_scores import exif_scores, learned_apertures
 
 OPENING = 0.05  # scene units: half the opening's width at f/2.8
 NOISE = np.random.default_rng(0).normal(1, 0.01, 12)  # of the apertures, as any estimate has; without, they look tied

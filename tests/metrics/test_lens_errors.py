@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tolerances import FLOAT32_VALUE, FLOAT64_VALUE
 
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
-from dofbench.metrics.lens_errors import do_nothing_errors, lens_errors
+from dofbench.evaluation.metrics.lens_errors import do_nothing_errors, lens_errors
 
 RANGE = DisparityRange(0.1, 0.6)
 WIDTH = 500  # K is 10 px at A = 1

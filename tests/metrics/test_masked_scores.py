@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dofbench.metrics import METRICS, metric, score_image
+from dofbench.evaluation.metrics import METRICS, metric, score_image
 
 IMAGES = [entry.id for entry in METRICS.values() if entry.needs == "images"]
 

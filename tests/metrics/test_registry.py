@@ -11,7 +11,7 @@ from called import called, imported_by
 from tolerances import FLOAT32_VALUE, FLOAT64_VALUE
 
 from dofbench.core.errors import InputError
-from dofbench.metrics import METRICS, Metric, metric, score_image
+from dofbench.evaluation.metrics import METRICS, Metric, metric, score_image
 
 IMAGE_METRICS = [entry for entry in METRICS.values() if entry.needs == "images"]
 SYMMETRIC = ("psnr", "ssim", "ssim_uniform7", "ms_ssim", "flip", "gmsd", "delta_e")
@@ -155,12 +155,12 @@ def test_unknown_metrics_are_refused() -> None:
 
 def test_importing_the_registry_loads_nothing_heavy() -> None:
     heavy = {"torch", "numba", "cv2", "OpenImageIO", "scipy", "skimage", "colour", "matplotlib", "flip_evaluator"}
-    assert not heavy & imported_by("import dofbench.metrics")
+    assert not heavy & imported_by("import dofbench.evaluation.metrics")
 
 
 def test_metrics_print_nothing() -> None:
     script = (
-        "import numpy as np; from dofbench.metrics import METRICS, score_image\n"
+        "import numpy as np; from dofbench.evaluation.metrics import METRICS, score_image\n"
         "a = np.full((32, 32, 3), 0.25); b = np.full((32, 32, 3), 0.5)\n"
         "score_image(a, b, [m.id for m in METRICS.values() if m.needs == 'images'])"
     )

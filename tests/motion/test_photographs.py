@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from tolerances import FLOAT32_VALUE
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.errors import InputError
-from dofbench.core.exif import Exif
+from dofbench.core.image_files.exif import Exif
 from dofbench.scenes.reconstruction.focal_length import focal_length, group_by_camera
 from dofbench.scenes.reconstruction.pairs import choose, exhaustive, look_alikes, sequential, signatures
 from dofbench.scenes.reconstruction.photograph_list import Photograph, Prepared, Upright, prepare, turned
@@ -97,7 +97,7 @@ def test_of_every_window_the_sharpest_frame_is_taken(tmp_path: Path, frames: lis
 def test_a_video_cut_short_or_broken(tmp_path: Path, frames: list, capsys: pytest.CaptureFixture[str]) -> None:
     broken = tmp_path / "broken.mp4"
     broken.write_bytes(b"\0" * 5000)
-    assert cli.main(["reconstruct", str(broken), "--out", str(tmp_path / "out")]) == 2
+    assert app.main(["reconstruct", str(broken), "--out", str(tmp_path / "out")]) == 2
     assert "no readable video" in capsys.readouterr().err
     video = write_video(tmp_path / "two.avi", frames[:2])
     with pytest.raises(InputError, match="2 readable frames"):
@@ -209,7 +209,7 @@ def test_a_video_says_its_colours(
     if not said:
         check_colours(video)
         return
-    assert cli.main(["reconstruct", str(video), "--out", str(tmp_path / "out")]) == 2
+    assert app.main(["reconstruct", str(video), "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
     assert said in error and "ffmpeg" in error and error.count("\n") == 1
 

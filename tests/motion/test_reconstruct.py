@@ -24,10 +24,10 @@ from tolerances import (
     TRIANGULATED_DEPTH,
 )
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.cameras import NO_OFFSET, Offset
 from dofbench.core.content import content_folder
-from dofbench.core.exif import Exif
+from dofbench.core.image_files.exif import Exif
 from dofbench.core.images import read_image, write_exr, write_png
 from dofbench.core.progress import Silent
 from dofbench.scenes import Scene, export, load_scene
@@ -86,10 +86,10 @@ def test_a_finished_scene_is_left_as_it_is(
     made: Path, photographs: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     before = {path: path.stat().st_mtime_ns for path in made.rglob("*")}
-    assert cli.main(["reconstruct", str(photographs), "--out", str(made)]) == 0
+    assert app.main(["reconstruct", str(photographs), "--out", str(made)]) == 0
     assert "up to date: 6 of 6 photographs have poses" in capsys.readouterr().out
     assert {path: path.stat().st_mtime_ns for path in made.rglob("*")} == before
-    assert cli.main(["reconstruct", str(photographs), "--out", str(made), "--seed", "1"]) == 2
+    assert app.main(["reconstruct", str(photographs), "--out", str(made), "--seed", "1"]) == 2
     assert "found another reconstruction" in capsys.readouterr().err
 
 
@@ -133,9 +133,9 @@ def test_poses_without_points_are_kept_and_points_found(
     source = bare(tmp_path / "bare", layout)
     if layout == "llff":
         # The error of make-dataset says what to do.
-        assert cli.main(["make-dataset", str(source), "--out", str(tmp_path / "never"), "--depth", "sfm"]) == 2
+        assert app.main(["make-dataset", str(source), "--out", str(tmp_path / "never"), "--depth", "sfm"]) == 2
         assert f"dofbench reconstruct {source} --out SCENE" in capsys.readouterr().err
-    assert cli.main(["reconstruct", str(source), "--out", str(tmp_path / "out")]) == 0
+    assert app.main(["reconstruct", str(source), "--out", str(tmp_path / "out")]) == 0
     given, found = load_scene(source), load_scene(tmp_path / "out")
     assert [view.split for view in found.views] == [view.split for view in given.views]
     for before, after in zip(given.views, found.views, strict=True):
@@ -158,7 +158,7 @@ def test_known_poses_far_from_the_origin_stay_where_they_are(tmp_path: Path, lay
     offset = (448262.0, 5411932.0, 135.0)
     near, far = bare(tmp_path / "near", layout), bare(tmp_path / "far", layout, offset)
     for source in (near, far):
-        assert cli.main(["reconstruct", str(source), "--out", str(source.with_suffix(".out"))]) == 0
+        assert app.main(["reconstruct", str(source), "--out", str(source.with_suffix(".out"))]) == 0
     found = [pycolmap.Reconstruction(tmp_path / f"{name}.out" / "sparse" / "0") for name in ("near", "far")]
     centres, points = (
         [np.array([one.projection_center() for one in model.images.values()]) for model in found],
@@ -173,7 +173,7 @@ def test_known_poses_far_from_the_origin_stay_where_they_are(tmp_path: Path, lay
         assert np.allclose(before.camera.centre + given.offset, after.camera.centre + made.offset, atol=FAR_POSITION)
         assert before.split == after.split
     # The same photographs with other poses are another scene.
-    assert cli.main(["reconstruct", str(near), "--out", str(far.with_suffix(".out"))]) == 2
+    assert app.main(["reconstruct", str(near), "--out", str(far.with_suffix(".out"))]) == 2
 
 
 def test_poses_may_be_ignored(tmp_path: Path) -> None:
@@ -202,7 +202,7 @@ def test_a_wrong_source_is_one_line(
     tmp_path: Path, make: Callable, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     make(tmp_path / "in")
-    assert cli.main(["reconstruct", str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 2
+    assert app.main(["reconstruct", str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 2
     lines = [line for line in capsys.readouterr().err.splitlines() if "dofbench:" in line]
     assert len(lines) == 1 and said in lines[0]
 
@@ -212,7 +212,7 @@ def test_a_wrong_place_is_one_line(tmp_path: Path, out: str, capsys: pytest.Capt
     for name in "abc":
         write_png(tmp_path / "in" / f"{name}.png", np.full((64, 64, 3), 0.5))
     (tmp_path / "file").touch()
-    assert cli.main(["reconstruct", str(tmp_path / "in"), "--out", str(tmp_path / out)]) == 2
+    assert app.main(["reconstruct", str(tmp_path / "in"), "--out", str(tmp_path / out)]) == 2
     assert capsys.readouterr().err.startswith("dofbench:")
 
 
@@ -223,7 +223,7 @@ def test_what_does_not_hang_together_is_no_scene(tmp_path: Path, capsys: pytest.
         patches = np.kron(generator.random((32, 32)), np.ones((6, 6)))
         write_png(tmp_path / "in" / f"{name}.png", np.repeat(patches[..., None], 3, axis=2))
     write_png(tmp_path / "in/plain.png", np.full((96, 96, 3), 0.5))
-    assert cli.main(["reconstruct", str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 1
+    assert app.main(["reconstruct", str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 1
     said = capsys.readouterr()
     assert "plain: no pose: 0 features" in said.err and "a: no pose: no other photograph shows" in said.err
     assert "no scene: no 3 of the 4 photographs hang together" in said.err and not said.out
@@ -237,7 +237,7 @@ def test_one_that_does_not_belong_is_left_out_and_named(
     for name in ("view_010", "view_011"):
         (source / f"{name}.png").unlink()
     write_png(source / "wall.png", np.full((240, 320, 3), 0.5))
-    assert cli.main(["reconstruct", str(source), "--out", str(tmp_path / "out")]) == 0
+    assert app.main(["reconstruct", str(source), "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr()
     assert "4 of 5 photographs have poses" in said.out and "wall: no pose: 0 features" in said.err
     assert [view.name for view in load_scene(tmp_path / "out").views] == [f"view_00{n}" for n in range(6, 10)]
@@ -246,7 +246,7 @@ def test_one_that_does_not_belong_is_left_out_and_named(
 def test_make_dataset_names_the_command_for_photographs_without_poses(
     photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert cli.main(["make-dataset", str(photographs), "--out", str(tmp_path / "never")]) == 2
+    assert app.main(["make-dataset", str(photographs), "--out", str(tmp_path / "never")]) == 2
     error = capsys.readouterr().err
     assert "6 photographs without poses" in error and f"dofbench reconstruct {photographs} --out SCENE" in error
 
@@ -267,7 +267,7 @@ def test_a_video_becomes_a_scene(photographs: Path, tmp_path: Path, capsys: pyte
             writer.write(frame)
     writer.release()
     command = ["reconstruct", str(tmp_path / "walk.avi"), "--out", str(tmp_path / "out"), "--frames", "5"]
-    assert cli.main([*command, "--matching", "sequential"]) == 0
+    assert app.main([*command, "--matching", "sequential"]) == 0
     said = capsys.readouterr()
     assert "5 of 5 photographs have poses" in said.out and "frames: 15 of 15" in said.err
     assert [view.name for view in load_scene(tmp_path / "out").views] == [f"frame_{n:06d}" for n in (1, 4, 7, 10, 13)]

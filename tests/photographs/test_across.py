@@ -13,9 +13,9 @@ from tolerances import FITTED_FOCUS
 
 from dofbench.core.cameras import Camera
 from dofbench.core.lens import PhysicalLens
-from dofbench.scoring.photographs.across import FOCUS_EFFORT, predict_across
-from dofbench.scoring.photographs.image_tiles import Tiles, masked_psnr
-from dofbench.scoring.photographs.strata import sharpness_ratio, thirds
+from dofbench.evaluation.scoring.photographs.across import FOCUS_EFFORT, predict_across
+from dofbench.evaluation.scoring.photographs.image_tiles import Tiles, masked_psnr
+from dofbench.evaluation.scoring.photographs.strata import sharpness_ratio, thirds
 
 LEARNED = {
     "a": PhysicalLens(13.0, 0.3, WIDTH),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from tolerances import COLOUR_UNDONE
 
-from dofbench.scoring.photographs.colour_fit import colour_map, recoloured
+from dofbench.evaluation.scoring.photographs.colour_fit import colour_map, recoloured
 
 MATRIX = np.array([[0.8, 0.05, 0.0], [0.1, 0.7, 0.02], [0.0, 0.1, 0.75], [0.05, 0.02, 0.1]])
 

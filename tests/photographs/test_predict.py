@@ -20,11 +20,11 @@ from tolerances import (
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Rendering
 from dofbench.core.lens import DisparityRange, PhysicalLens
+from dofbench.evaluation.scoring.photograph_scores import prediction_scores
+from dofbench.evaluation.scoring.photographs.predict import predict
+from dofbench.evaluation.scoring.photographs.search import QUICK, THOROUGH, Effort, Frame, lens_grid
 from dofbench.optics.defocus import defocus_numpy
 from dofbench.optics.tone import decode, encode
-from dofbench.scoring.photograph_scores import prediction_scores
-from dofbench.scoring.photographs.predict import predict
-from dofbench.scoring.photographs.search import QUICK, THOROUGH, Effort, Frame, lens_grid
 
 SMALL = Effort(apertures=5, focuses=4, coarse=12, fine=12, blur=True)
 PHOTOGRAPH = Known().render(CAMERA, TRUE).image

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT64_VALUE
 
-from dofbench.metrics import score_image
-from dofbench.metrics.ssim import ssim_map
-from dofbench.scoring.photographs.image_tiles import Tiles, masked_psnr, shrink, tiled_ssim
+from dofbench.core.similarity import ssim_map
+from dofbench.evaluation.metrics import score_image
+from dofbench.evaluation.scoring.photographs.image_tiles import Tiles, masked_psnr, shrink, tiled_ssim
 
 
 @given(st.integers(16, 90), st.integers(16, 90))

@@ -15,10 +15,10 @@ from tolerances import FLOAT32_SCALAR
 from dofbench.core.cameras import Camera
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
-from dofbench.learning.priors import PriorOptions, make_prior
-from dofbench.learning.priors.patch_match import workspace_depth
 from dofbench.scenes import load_scene
 from dofbench.scenes.ply import read_ply
+from dofbench.training.common.priors import PriorOptions, make_prior
+from dofbench.training.common.priors.patch_match import workspace_depth
 
 UNIT = 2.5  # workspace units per scene unit
 CROPPED = 10  # pixels that undistortion cut off each side: other sizes and principal points than the scene's

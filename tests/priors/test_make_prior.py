@@ -11,12 +11,12 @@ from tolerances import FLOAT32_SCALAR
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
-from dofbench.gaussians.gaussian_options import GaussianOptions
-from dofbench.gaussians.trainer import Trainer
-from dofbench.learning.priors import make_prior, with_surface_points
-from dofbench.learning.supervision import DepthMap, sparse_depth
 from dofbench.running.observer import OneStep
 from dofbench.running.warm_up import miniature
+from dofbench.training.common.priors import make_prior, with_surface_points
+from dofbench.training.common.supervision import DepthMap, sparse_depth
+from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.gaussians.trainer import Trainer
 
 
 class _Forever:
@@ -211,7 +211,7 @@ def test_a_miniature_is_the_same_scene_with_few_pixels(photographed):
 
 
 def test_warming_up_takes_one_step_and_no_tuning_to_speak_of(photographed, monkeypatch):
-    from dofbench.learning.priors import tuning
+    from dofbench.training.common.priors import tuning
 
     steps = []
     monkeypatch.setattr(tuning, "tune", lambda *arguments, **given: steps.append(given["steps"]))
@@ -221,7 +221,7 @@ def test_warming_up_takes_one_step_and_no_tuning_to_speak_of(photographed, monke
 
 
 def test_a_tuning_that_diverges_is_a_typed_failure(photographed, monkeypatch):
-    from dofbench.learning.priors import tuning
+    from dofbench.training.common.priors import tuning
 
     def fail(*arguments, **given):
         raise FloatingPointError("views v: loss is nan at tuning step 3")

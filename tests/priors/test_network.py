@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from tolerances import BEST_SCALE, FLOAT32_GRADIENT, FLOAT32_VALUE
 
 from dofbench.core.errors import InputError
-from dofbench.depth.align import Alignment
-from dofbench.depth.depthnet import MEAN, STD, load_folded
-from dofbench.depth.network import Network, find_network
-from dofbench.learning.priors import network_prior as networks
-from dofbench.learning.priors.network_prior import open_network, predicted_depth
-from dofbench.learning.priors.stereo import stereo_depth
-from dofbench.learning.priors.tuning import scale_invariant_loss, tune
-from dofbench.learning.supervision import DepthMap
+from dofbench.scenes.depth.align import Alignment
+from dofbench.scenes.depth.depthnet import MEAN, STD, load_folded
+from dofbench.scenes.depth.network import Network, find_network
+from dofbench.training.common.priors import network_prior as networks
+from dofbench.training.common.priors.network_prior import open_network, predicted_depth
+from dofbench.training.common.priors.stereo import stereo_depth
+from dofbench.training.common.priors.tuning import scale_invariant_loss, tune
+from dofbench.training.common.supervision import DepthMap
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.*:DeprecationWarning")
 

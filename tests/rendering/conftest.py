@@ -9,6 +9,6 @@ import pytest
 def variant() -> str:
     """The variant chosen for this session; skips without mitsuba."""
     pytest.importorskip("mitsuba", reason="mitsuba is not installed (extra: render)")
-    from dofbench.procedural.variant import choose_variant
+    from dofbench.scenes.procedural.variant import choose_variant
 
     return choose_variant()[0]

@@ -13,13 +13,13 @@ import pytest
 from called import dofbench, killed
 from tolerances import FLOAT16_VALUE, FLOAT64_VALUE, LEVEL_8BIT
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_exr
 from dofbench.core.lens import DisparityRange, Lens
-from dofbench.depth.disparity import scene_range
 from dofbench.optics.tone import encode
 from dofbench.scenes import load_scene
+from dofbench.scenes.depth.disparity import scene_range
 
 SMALL = "--views 3 --width 40 --height 30 --samples 8 --lens-views 1 --lens-samples 8 --focus 0.2,0.8 --aperture 1"
 
@@ -28,7 +28,7 @@ def call(out: Path, *more: str, recipe: str = "corridor") -> int:
     """Exit status of make-scene with small images, `more` in place of those options."""
     words = iter(SMALL.split())
     small = [word for option in words for word in (option, next(words)) if option not in more]
-    return cli.main(["make-scene", recipe, "--out", str(out), *small, *more])
+    return app.main(["make-scene", recipe, "--out", str(out), *small, *more])
 
 
 def record(folder: Path) -> dict:
@@ -141,7 +141,7 @@ def test_a_killed_run_goes_on(made: Path, tmp_path: Path, repository: Path) -> N
     ],
 )
 def test_a_wrong_option_is_one_line(arguments: str, named: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["make-scene", *arguments.split()]) == 2
+    assert app.main(["make-scene", *arguments.split()]) == 2
     assert re.fullmatch(rf"dofbench: {named}.*: found .+, expected .+\n", capsys.readouterr().err)
 
 
@@ -159,7 +159,7 @@ def test_other_settings_and_other_files_are_refused(
 
 
 def test_all_goes_into_a_folder_each() -> None:
-    parse: Callable = cli.parse
+    parse: Callable = app.parse
     settings = parse(["make-scene", "all", "--out", "rendered"])
     assert [settings.folder(name) for name in settings.recipes][1] == Path("rendered/fence")
     assert parse(["make-scene", "fence"]).folder("fence") == Path("data/scenes/fence")

@@ -12,9 +12,9 @@ from tolerances import DOT_DEPTH, FLOAT32_VALUE, LENS_CENTRE_PX, LENS_RADIUS, NO
 
 from dofbench.core.cameras import Camera
 from dofbench.core.lens import PhysicalLens
-from dofbench.procedural.shapes import quad
-from dofbench.procedural.stage import Lamp, Prop, Sphere, Stage
-from dofbench.procedural.tracer import Tracer, sets_of
+from dofbench.scenes.procedural.shapes import quad
+from dofbench.scenes.procedural.stage import Lamp, Prop, Sphere, Stage
+from dofbench.scenes.procedural.tracer import Tracer, sets_of
 
 WIDTH, HEIGHT, FOCAL = 56, 48, 60.0
 # Looks along the world's y, as the recipes' cameras do.

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.errors import InputError
-from dofbench.procedural.variant import SCALAR, VECTORISED, choose_variant
+from dofbench.scenes.procedural.variant import SCALAR, VECTORISED, choose_variant
 
 
 @pytest.fixture
@@ -54,6 +54,6 @@ def test_without_mitsuba_it_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     monkeypatch.setitem(sys.modules, "mitsuba", None)
-    assert cli.main(["make-scene", "fence", "--out", str(tmp_path / "fence")]) == 2
+    assert app.main(["make-scene", "fence", "--out", str(tmp_path / "fence")]) == 2
     assert "pip install 'dofbench[render]'" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -14,7 +14,7 @@ from relisted import edit_json
 from rich.console import Console
 from small_dataset import write_dataset
 
-from dofbench.commands.ablate import make_tables
+from dofbench.cli.ablate import make_tables
 from dofbench.reporting import report_files
 from dofbench.reporting.report_files import Written, write_report
 from dofbench.reporting.report_options import Report

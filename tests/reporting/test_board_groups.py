@@ -14,10 +14,10 @@ from small_dataset import write_dataset
 from tolerances import CSV_DIGITS
 
 from dofbench.core.errors import InputError
+from dofbench.evaluation.results.result import read_result
 from dofbench.reporting.pairwise import Pair, with_the_best
 from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
-from dofbench.results.result import read_result
 
 
 def test_seeds_have_a_spread_and_a_failed_seed_is_not_left_out_of_a_mean(plain, call, made) -> None:

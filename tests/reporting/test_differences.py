@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from dofbench.core.errors import Status
+from dofbench.evaluation.results.collecting import Entry
+from dofbench.evaluation.results.result import Result, Spec, ViewScores
 from dofbench.reporting.differences import adjusted, compare
-from dofbench.results.collecting import Entry
-from dofbench.results.result import Result, Spec, ViewScores
 
 NOBODY = dict.fromkeys(("preset", "budget", "dataset", "dataset_checksum", "protocol", "device", "code"), "x")
 

@@ -15,6 +15,9 @@ from tolerances import PRINTED_MEAN
 
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
+from dofbench.evaluation.results.collecting import collect
+from dofbench.evaluation.results.result import Result, read_result
+from dofbench.methods.cards import find_method
 from dofbench.reporting import layouts
 from dofbench.reporting.ablations.document_files import read_documents
 from dofbench.reporting.boards import gather
@@ -29,9 +32,6 @@ from dofbench.reporting.paper import paper_figures
 from dofbench.reporting.reach import RULE
 from dofbench.reporting.table_cells import number
 from dofbench.reporting.view import Cell, Heading, Paragraph, Table
-from dofbench.results.collecting import collect
-from dofbench.results.result import Result, read_result
-from dofbench.running.method_cards import find_method
 
 QUICK = "quick"
 

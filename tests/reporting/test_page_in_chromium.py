@@ -11,7 +11,7 @@ import pytest
 from chromium import Page, browser
 from tolerances import DRAWN_PIXEL
 
-from dofbench.results.result import read_result
+from dofbench.evaluation.results.result import read_result
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ import pytest
 from relisted import edit_json
 from small_dataset import write_dataset
 
-from dofbench.dataset.points_record import PointsRecord, points_in_words
-from dofbench.results.result import read_result
+from dofbench.datasets.format.points_record import PointsRecord, points_in_words
+from dofbench.evaluation.results.result import read_result
 
 USUAL = PointsRecord(
     origin="structure from motion",

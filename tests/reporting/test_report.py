@@ -14,12 +14,12 @@ from small_dataset import write_dataset
 from tolerances import CSV_DIGITS
 
 from dofbench.core.errors import InputError
+from dofbench.evaluation.results.columns import DEPTH
+from dofbench.evaluation.results.result import Spec, read_result
+from dofbench.evaluation.results.run_lease import run_lease
 from dofbench.reporting import curves, reach, report
 from dofbench.reporting.held_out import ASKED_HEADING
 from dofbench.reporting.report_options import Report
-from dofbench.results.columns import DEPTH
-from dofbench.results.result import Spec, read_result
-from dofbench.results.run_lease import run_lease
 from dofbench.running.check_results import check_result
 
 HEADER = (

@@ -62,8 +62,8 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def freeze_fake(folder: Path) -> None:
-    from dofbench.running.frozen_presets import FrozenPreset, frozen_text, preset_digest
-    from dofbench.running.method_cards import find_method
+    from dofbench.methods.cards import find_method
+    from dofbench.methods.frozen_presets import FrozenPreset, frozen_text, preset_digest
 
     digest = preset_digest(find_method("fake"), "quick")
     entry = FrozenPreset(commit="0" * 40, digest=digest)
@@ -176,8 +176,8 @@ def test_signs_are_united_in_their_order() -> None:
 def test_a_run_that_died_has_the_role_of_its_board(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Callable
 ) -> None:
+    from dofbench.evaluation.results.collecting import Entry, collect
     from dofbench.reporting.standing import role_of, signs
-    from dofbench.results.collecting import Entry, collect
 
     data = write_dataset(tmp_path / "fern", name="fern", role="development", role_by="llff/fern")
     call(data=data)

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from dofbench.core.errors import Status
+from dofbench.evaluation.results.collecting import Entry
+from dofbench.evaluation.results.result import Result, Spec, ViewScores
 from dofbench.reporting.summary import Line, Statistic
 from dofbench.reporting.verdict import Verdict, verdicts
-from dofbench.results.collecting import Entry
-from dofbench.results.result import Result, Spec, ViewScores
 
 NOBODY = dict.fromkeys(("preset", "budget", "dataset", "dataset_checksum", "protocol", "device", "code"), "x")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from called import PATIENCE, called, dofbench, fake_method_and_data
 
-from dofbench.results.result import read_result
+from dofbench.evaluation.results.result import read_result
 
 # What the fake does is written down; where a file says so, its command is killed there, and its process with it.
 MOMENTS = """

@@ -14,15 +14,15 @@ from harness_fakes import Here
 from rich.console import Console
 from small_dataset import write_dataset
 
-from dofbench import cli
-from dofbench.commands import run_methods as command
-from dofbench.commands.run_methods import run_methods
+from dofbench.cli import app
+from dofbench.cli import run_methods as command
+from dofbench.cli.run_methods import run_methods
 from dofbench.core.budget import Budget, parse_budget
 from dofbench.core.errors import InputError
 from dofbench.core.jobs import Job
-from dofbench.results.result import read_result
-from dofbench.results.run_lease import run_lease
-from dofbench.results.run_spec import Run
+from dofbench.evaluation.results.result import read_result
+from dofbench.evaluation.results.run_lease import run_lease
+from dofbench.evaluation.results.run_spec import Run
 from dofbench.running.run_options import Runs
 
 MINUTE, BOTH = Budget(seconds=60.0), Budget(steps=7000, seconds=300.0)
@@ -71,7 +71,7 @@ def test_every_combination_is_a_run() -> None:
 
 
 def test_one_of_each_is_the_run_it_always_was() -> None:
-    parsed = cli.parse("run --method a --data x --seed 3 --budget 300s,7000it --set k=1 l=2".split())
+    parsed = app.parse("run --method a --data x --seed 3 --budget 300s,7000it --set k=1 l=2".split())
     assert parsed.cells() == (Run(method="a", data=Path("x"), seed=3, budget=BOTH, set=("k=1", "l=2")),)
 
 
@@ -105,7 +105,7 @@ def test_a_run_of_a_matrix_is_the_single_run(call, matrix, tmp_path: Path) -> No
     assert (single.folder / "result.json").read_bytes() == before
     for file in sorted((tmp_path / "results").rglob("result.json")):
         result = read_result(file)
-        (cell,) = cli.parse(shlex.split(result.command)[1:]).cells()
+        (cell,) = app.parse(shlex.split(result.command)[1:]).cells()
         assert call(method=cell.method, data=cell.data, seed=cell.seed, out=cell.out).reused
         assert file.parent == cell.out / result.spec.folder
 

@@ -14,11 +14,11 @@ from pathlib import Path
 import cv2
 import pytest
 
-from dofbench import cli
-from dofbench.commands.from_photographs import Own, find_own, outlook
+from dofbench.cli import app
+from dofbench.cli.from_photographs import Own, find_own, outlook
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
-from dofbench.results.result import read_result
+from dofbench.evaluation.results.result import read_result
 from dofbench.running.run_options import Runs
 from dofbench.scenes import load_scene
 from dofbench.scenes.export import write_transforms
@@ -202,7 +202,7 @@ def test_what_is_wrong_with_the_call_is_one_line(
         Path(name).mkdir(exist_ok=True)
         for file in sorted(Path("my desk").glob("*.png"))[:count]:
             shutil.copy(file, name)
-    assert cli.main(["run", "--method", "dofgaussian", *words]) == 2
+    assert app.main(["run", "--method", "dofgaussian", *words]) == 2
     printed = capsys.readouterr()
     assert said in printed.err and len(printed.err.strip().splitlines()) == 1 and not printed.out
 

@@ -11,11 +11,11 @@ from made_up import cloud
 
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
-from dofbench.core.exif import Exif
+from dofbench.core.image_files.exif import Exif
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.scenes import load_scene
-from dofbench.scenes.by_exif import split_by_f_number
+from dofbench.scenes.readers.by_exif import split_by_f_number
 from dofbench.scenes.scene import Scene
-from dofbench.synthesis.dataset_options import MakeDataset
 
 
 @pytest.fixture

@@ -13,13 +13,13 @@ from icc_profiles import DISPLAY_P3, of_primaries
 from PIL import Image, features
 from tolerances import COMPRESSED_COLOUR, CONVERTED_COLOUR, LEVEL_8BIT
 
-from dofbench import cli
-from dofbench.core import camera_files
-from dofbench.core.coding import coding_of_codes
+from dofbench.cli import app
 from dofbench.core.errors import InputError
+from dofbench.core.image_files import camera_files
+from dofbench.core.image_files.coding import coding_of_codes
 from dofbench.core.images import image_coding, image_size, read_coded, read_image, write_png
-from dofbench.scenes.exif_files import exif_of_image
-from dofbench.scenes.folders import image_files
+from dofbench.scenes.readers.exif_files import exif_of_image
+from dofbench.scenes.readers.folders import image_files
 from dofbench.scenes.reconstruction.photograph_list import Upright, find_photographs, orientation, upright_size
 
 SIZE = (64, 48)
@@ -179,7 +179,7 @@ def test_photographs_whose_package_is_missing_are_counted(tmp_path, monkeypatch,
         write_png(tmp_path / "in" / f"IMG_{index}.png", picture())
         (tmp_path / "in" / f"IMG_1{index}.HEIC").write_bytes(b"")
     monkeypatch.setattr(camera_files.importlib.util, "find_spec", lambda name: None)
-    assert cli.main(["reconstruct", str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 2
+    assert app.main(["reconstruct", str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert "3 of 6 photographs" in said and "pillow-heif" in said and "dofbench[photographs]" in said
     with pytest.raises(InputError, match=r"IMG_10.HEIC.*pillow-heif"):

@@ -12,9 +12,9 @@ from tolerances import POSE_ROUND_TRIP, UNDISTORTED_PIXEL
 
 from dofbench.core.errors import InputError
 from dofbench.scenes import load_scene
-from dofbench.scenes.colmap import read_model
 from dofbench.scenes.export import write_colmap
 from dofbench.scenes.named import resolve
+from dofbench.scenes.readers.colmap import read_model
 from dofbench.scenes.undistort import undistorted
 
 NAMES = ["c.png", "a.png", "b.png"]

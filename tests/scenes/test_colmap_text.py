@@ -14,8 +14,8 @@ from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
 from dofbench.core.images import read_image
 from dofbench.scenes import load_scene
-from dofbench.scenes.colmap import read_model
 from dofbench.scenes.export import write_colmap
+from dofbench.scenes.readers.colmap import read_model
 
 NAMES = ["c.png", "a.png", "b.png"]
 

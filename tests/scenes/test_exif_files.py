@@ -11,9 +11,9 @@ import pytest
 from tolerances import EXIF_RATIONAL
 
 from dofbench.core.errors import InputError
-from dofbench.core.exif import Exif, write_exif
+from dofbench.core.image_files.exif import Exif, write_exif
 from dofbench.scenes import export, load_scene
-from dofbench.scenes.exif_files import exif_by_file, exif_of_image, read_exif_csv
+from dofbench.scenes.readers.exif_files import exif_by_file, exif_of_image, read_exif_csv
 
 TAGS = {
     "FNumber": 6.3,

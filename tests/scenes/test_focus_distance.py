@@ -13,8 +13,8 @@ import OpenImageIO as oiio
 import pytest
 from tolerances import EXIF_RATIONAL
 
-from dofbench.core.exif import Exif, read_exif, write_exif
-from dofbench.scenes.exif_files import exif_of_image, read_exif_csv
+from dofbench.core.image_files.exif import Exif, read_exif, write_exif
+from dofbench.scenes.readers.exif_files import exif_of_image, read_exif_csv
 
 ENDLESS = 0xFFFFFFFF  # numerator: infinity, by the standard
 DAMAGED = 300  # files

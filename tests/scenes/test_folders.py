@@ -3,7 +3,7 @@
 import pytest
 
 from dofbench.core.errors import InputError
-from dofbench.scenes.folders import choose_folder, image_files, listed, marked_hold, match_files, view_names
+from dofbench.scenes.readers.folders import choose_folder, image_files, listed, marked_hold, match_files, view_names
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.errors import InputError
 from dofbench.scenes.listing import Listed, list_scenes
 
@@ -53,7 +53,7 @@ def test_a_scene_with_deleted_images_is_listed_and_is_not_whole(
     (listed,) = given(scene)
     assert not listed.problem and (listed.training, listed.test) == (3, 1)
     assert any("images/3.png" in note for note in listed.notes)
-    assert cli.main(["scenes", str(scene)]) == 1
+    assert app.main(["scenes", str(scene)]) == 1
     said = capsys.readouterr().out
     assert "--skip-missing" in said and "no scene" not in said
 
@@ -62,7 +62,7 @@ def test_a_folder_without_a_scene_is_named_with_the_reason(scene: Path, capsys: 
     folder = scene.parent / "notes"
     (listed,) = given(folder)
     assert str(folder) in listed.problem and "expected" in listed.problem
-    assert cli.main(["scenes", str(folder)]) == 1
+    assert app.main(["scenes", str(folder)]) == 1
     assert f"no scene: {folder}" in capsys.readouterr().out
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from dofbench.core.errors import InputError
-from dofbench.scenes.folders import find_matches, match_files
-from dofbench.scenes.name_match import ImageNames, plain_inside, without_suffix
+from dofbench.scenes.readers.folders import find_matches, match_files
+from dofbench.scenes.readers.name_match import ImageNames, plain_inside, without_suffix
 
 
 @pytest.mark.parametrize(

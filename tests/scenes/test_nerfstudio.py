@@ -472,7 +472,7 @@ def test_a_model_that_is_not_complete_does_not_replace_the_file(folder, make_cam
 
 
 def test_a_folder_with_both_from_the_command_line(beside, tmp_path_factory, capsys):
-    from dofbench.cli import DONE, WRONG_CALL, main
+    from dofbench.cli.app import DONE, WRONG_CALL, main
 
     edit(beside, FRAMES["turned"])
     out = tmp_path_factory.mktemp("made")

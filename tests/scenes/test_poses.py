@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tolerances import FLOAT64_VALUE, ROUNDED_ROTATION
 
 from dofbench.core.errors import InputError
-from dofbench.scenes.poses import Mended, invert, llff_to_opencv, opencv_to_llff, opengl_to_opencv, rigid
+from dofbench.scenes.readers.poses import Mended, invert, llff_to_opencv, opencv_to_llff, opengl_to_opencv, rigid
 
 
 def random_pose(seed: int) -> np.ndarray:

@@ -8,7 +8,7 @@ import pytest
 from tolerances import FLOAT64_VALUE, REPROJECTION_STRETCH, SAME_POSE, UNDISTORTED_PIXEL
 
 from dofbench.scenes import load_scene
-from dofbench.scenes.colmap import read_model
+from dofbench.scenes.readers.colmap import read_model
 from dofbench.scenes.undistort import undistort_points, undistorted
 
 LLFF = pytest.mark.parametrize(("name", "count", "points"), [("llff_fern", 20, 10091), ("llff_flower", 34, 23477)])

@@ -10,15 +10,15 @@ import pytest
 import torch
 
 from dofbench.core.budget import Budget
-from dofbench.gaussians import trainer
-from dofbench.gaussians.gaussian_method import GaussianMethod
-from dofbench.kernels import load
-from dofbench.learning import nonfinite
-from dofbench.running.method_cards import find_method
-from dofbench.stability import files_cases, short_trainings, training_scene
-from dofbench.stability.case import Setting
-from dofbench.stability.catalogue import catalogue
-from dofbench.stability.measure import measured
+from dofbench.evaluation.stability import files_cases, short_trainings, training_scene
+from dofbench.evaluation.stability.case import Setting
+from dofbench.evaluation.stability.catalogue import catalogue
+from dofbench.evaluation.stability.measure import measured
+from dofbench.methods.cards import find_method
+from dofbench.runtime.ops import load
+from dofbench.training.common import nonfinite
+from dofbench.training.gaussians import trainer
+from dofbench.training.gaussians.gaussian_method import GaussianMethod
 
 CPU = Setting("cpu", "float32")
 CASES = {case.id: case for case in catalogue()}
@@ -35,7 +35,7 @@ def broken(monkeypatch):
     def replace(op: str, change, function: str | None = None) -> None:
         kernel = load(op, "cpu", function=function)
         monkeypatch.setattr(
-            import_module(f"dofbench.kernels.{op}.cpu"),
+            import_module(f"dofbench.runtime.ops.{op}.cpu"),
             function or op,
             lambda *args, **options: change(kernel, *args, **options),
         )
@@ -113,21 +113,22 @@ def test_swallowed_numbers_are_seen(broken):
 
 def test_a_leak_at_aperture_0_is_seen(monkeypatch):
     assert error_of("lens/aperture-0").met
-    defocus = import_module("dofbench.stability.lens_cases").defocus
+    defocus = import_module("dofbench.evaluation.stability.lens_cases").defocus
     monkeypatch.setattr(
-        "dofbench.stability.lens_cases.defocus", lambda *args, **options: defocus(*args, **options) * (1 + 2.0**-23)
+        "dofbench.evaluation.stability.lens_cases.defocus",
+        lambda *args, **options: defocus(*args, **options) * (1 + 2.0**-23),
     )
     assert not error_of("lens/aperture-0").met
 
 
 def test_unknown_depth_taken_for_near_is_seen(monkeypatch):
     assert error_of("lens/depth-nan").met and error_of("lens/depth-0").met
-    blur = import_module("dofbench.stability.lens_cases").defocus_numpy
+    blur = import_module("dofbench.evaluation.stability.lens_cases").defocus_numpy
 
     def near(image, depth, lens, **options):
         return blur(image, np.where(np.isfinite(depth) & (depth > 0), depth, 0.5), lens, **options)
 
-    monkeypatch.setattr("dofbench.stability.lens_cases.defocus_numpy", near)
+    monkeypatch.setattr("dofbench.evaluation.stability.lens_cases.defocus_numpy", near)
     assert not error_of("lens/depth-nan").met and not error_of("lens/depth-0").met
 
 
@@ -200,9 +201,9 @@ def test_a_half_float_that_overflows_is_seen(monkeypatch):
 
 
 def test_a_dataset_that_is_not_what_it_says_is_seen(monkeypatch):
-    shallow = import_module("dofbench.synthesis.builder").shallow_image
+    shallow = import_module("dofbench.datasets.synthesis.builder").shallow_image
     monkeypatch.setattr(
-        "dofbench.synthesis.builder.shallow_image", lambda *args: tuple(0.9 * part for part in shallow(*args))
+        "dofbench.datasets.synthesis.builder.shallow_image", lambda *args: tuple(0.9 * part for part in shallow(*args))
     )
     assert not error_of("datasets/33x17", Setting("numpy", "float32")).met
 

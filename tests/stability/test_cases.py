@@ -6,12 +6,12 @@ from collections import Counter
 
 import pytest
 
-from dofbench.kernels import ops
-from dofbench.stability.case import Setting, kernel_settings
-from dofbench.stability.catalogue import catalogue, chosen
-from dofbench.stability.limits import limit_of, read_limits
-from dofbench.stability.measure import measured
-from dofbench.stability.stability_options import GROUPS, Stability
+from dofbench.evaluation.stability.case import Setting, kernel_settings
+from dofbench.evaluation.stability.catalogue import catalogue, chosen
+from dofbench.evaluation.stability.limits import limit_of, read_limits
+from dofbench.evaluation.stability.measure import measured
+from dofbench.evaluation.stability.stability_options import GROUPS, Stability
+from dofbench.runtime.ops import ops
 
 CASES = {case.id: case for case in catalogue()}
 CHEAP = (

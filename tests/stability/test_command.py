@@ -8,10 +8,10 @@ from importlib import import_module
 import pytest
 from called import called, dofbench
 
-from dofbench.cli import main
-from dofbench.kernels import load
-from dofbench.stability.limits import Limit
-from dofbench.stability.measure import measured
+from dofbench.cli.app import main
+from dofbench.evaluation.stability.limits import Limit
+from dofbench.evaluation.stability.measure import measured
+from dofbench.runtime.ops import load
 
 HEADER = "case,group,backend,precision,error,bound,verdict,note"
 CALL = ["stability", "--kernel", "ssim", "--group", "invariants"]
@@ -43,7 +43,7 @@ def test_one_kernel_of_one_group_as_a_user_runs_it(tmp_path):
 def test_a_bound_that_is_not_met_ends_with_status_1_and_keeps_its_row(tmp_path, monkeypatch, capsys):
     kernel = load("ssim", "cpu", function="ssim")
     monkeypatch.setattr(
-        import_module("dofbench.kernels.ssim.cpu"), "ssim", lambda *args, **options: kernel(*args, **options) - 0.01
+        import_module("dofbench.runtime.ops.ssim.cpu"), "ssim", lambda *args, **options: kernel(*args, **options) - 0.01
     )
     case = "invariants/ssim-of-itself-textured"
     assert main(["stability", "--case", case, "--out", str(tmp_path)]) == 1
@@ -61,7 +61,7 @@ def test_a_known_limit_is_in_the_table_with_its_reason_and_status_0(tmp_path):
 def test_a_known_limit_that_is_met_on_this_machine_fails_nothing_and_says_so(tmp_path, monkeypatch, capsys):
     """A machine may round better than the one on which the limit was found."""
     limit = Limit("invariants/ssim-symmetric", ("cpu float32",), "Rounded badly somewhere.")
-    monkeypatch.setattr(import_module("dofbench.stability.measure"), "read_limits", lambda: (limit,))
+    monkeypatch.setattr(import_module("dofbench.evaluation.stability.measure"), "read_limits", lambda: (limit,))
     assert main(["stability", "--case", "invariants/ssim-symmetric", "--out", str(tmp_path)]) == 0
     _, rows = table(tmp_path)
     assert [row["verdict"] for row in rows] == ["met", "met", "met here"] and "Rounded badly" in rows[-1]["note"]
@@ -71,7 +71,7 @@ def test_a_known_limit_that_is_met_on_this_machine_fails_nothing_and_says_so(tmp
 
 
 def test_an_interrupted_run_goes_on_from_what_is_measured(tmp_path, monkeypatch):
-    run, count = import_module("dofbench.stability.measure"), []
+    run, count = import_module("dofbench.evaluation.stability.measure"), []
 
     def counted(case, setting):
         count.append(case.id)

@@ -6,12 +6,12 @@ from __future__ import annotations
 import pytest
 
 from dofbench.core.errors import InputError
-from dofbench.kernels import backends, ops
-from dofbench.stability.case import Case, Found, Setting
-from dofbench.stability.catalogue import catalogue
-from dofbench.stability.limits import Limit, limit_of, read_limits
-from dofbench.stability.measure import judged, measured
-from dofbench.stability.stability_table import KNOWN, MET, MET_HERE, NOT_MET
+from dofbench.evaluation.stability.case import Case, Found, Setting
+from dofbench.evaluation.stability.catalogue import catalogue
+from dofbench.evaluation.stability.limits import Limit, limit_of, read_limits
+from dofbench.evaluation.stability.measure import judged, measured
+from dofbench.evaluation.stability.stability_table import KNOWN, MET, MET_HERE, NOT_MET
+from dofbench.runtime.ops import backends, ops
 
 HERE = Setting("cpu", "float32")
 CASES = {case.id: case for case in catalogue()}

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from fake_method import write_method
 
-from dofbench.stability.catalogue import catalogue, chosen
-from dofbench.stability.stability_options import Stability
+from dofbench.evaluation.stability.catalogue import catalogue, chosen
+from dofbench.evaluation.stability.stability_options import Stability
 
 
 @pytest.fixture

@@ -14,9 +14,9 @@ from made_up import cloud, frontal
 from dofbench.core.cameras import NO_OFFSET, Camera, Offset
 from dofbench.core.images import write_exr, write_png
 from dofbench.core.progress import Silent
+from dofbench.datasets.synthesis import make_dataset, sheet_drawing
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.scenes import export
-from dofbench.synthesis import make_dataset, sheet_drawing
-from dofbench.synthesis.dataset_options import MakeDataset
 
 USUAL_THUMB = sheet_drawing._THUMB
 THUMB = USUAL_THUMB // 2

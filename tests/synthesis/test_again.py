@@ -8,10 +8,10 @@ import shutil
 import pytest
 from relisted import write_again
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.progress import Silent
-from dofbench.synthesis import make_dataset
-from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.datasets.synthesis import make_dataset
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
 
 
 @pytest.fixture(scope="module")
@@ -40,11 +40,11 @@ def odd(scene, tmp_path_factory):
 
 def test_the_same_bytes(scene, odd, dataset_folder, tmp_path, contents, capsys):
     for like, out in ((dataset_folder, tmp_path / "plain"), (dataset_folder / "dataset.json", tmp_path / "again")):
-        assert cli.main(["make-dataset", str(scene), "--like", str(like), "--out", str(out)]) == 0
+        assert app.main(["make-dataset", str(scene), "--like", str(like), "--out", str(out)]) == 0
         assert contents(out) == contents(dataset_folder)
         assert f"the same bytes as {like}" in capsys.readouterr().out
     arguments = ["--like", str(odd), "--out", str(tmp_path / "odd"), "--depth", f"folder:{scene / 'depth'}"]
-    assert cli.main(["make-dataset", str(scene), *arguments]) == 0
+    assert app.main(["make-dataset", str(scene), *arguments]) == 0
     assert contents(tmp_path / "odd") == contents(odd)
 
 
@@ -54,7 +54,7 @@ def test_a_difference_is_told(scene, dataset_folder, tmp_path, capsys):
     manifest = json.loads((dataset_folder / "dataset.json").read_text())
     manifest["files"]["images/v02.png"]["sha256"] = "0" * 64
     write_again(like / "dataset.json", manifest)
-    assert cli.main(["make-dataset", str(scene), "--like", str(like), "--out", str(tmp_path / "out")]) == 1
+    assert app.main(["make-dataset", str(scene), "--like", str(like), "--out", str(tmp_path / "out")]) == 1
     assert capsys.readouterr().err.splitlines()[-1] == f"not the bytes of {like}: images/v02.png"
 
 
@@ -80,7 +80,7 @@ def test_another_scene_or_version_is_refused(write_scene, dataset_folder, tmp_pa
     manifest = json.loads((dataset_folder / "dataset.json").read_text())
     change(root, manifest)
     write_again(like / "dataset.json", manifest)
-    assert cli.main(["make-dataset", str(root), "--like", str(like), "--out", str(tmp_path / "out")]) == 2
+    assert app.main(["make-dataset", str(root), "--like", str(like), "--out", str(tmp_path / "out")]) == 2
     assert word in capsys.readouterr().err
 
 
@@ -94,11 +94,11 @@ def test_another_scene_or_version_is_refused(write_scene, dataset_folder, tmp_pa
 )
 def test_what_the_manifest_sets_is_not_for_the_caller(scene, dataset_folder, tmp_path, capsys, options, word):
     out = ["--out", str(tmp_path / "out")]
-    assert cli.main(["make-dataset", str(scene), *options, "--like", str(dataset_folder), *out]) == 2
+    assert app.main(["make-dataset", str(scene), *options, "--like", str(dataset_folder), *out]) == 2
     assert word in capsys.readouterr().err
 
 
 def test_the_dataset_itself_is_not_made_again_over_itself(scene, dataset_folder, capsys):
     arguments = ["make-dataset", str(scene), "--like", str(dataset_folder), "--out", str(dataset_folder)]
-    assert cli.main(arguments) == 2
+    assert app.main(arguments) == 2
     assert "another folder" in capsys.readouterr().err

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.errors import InputError
 from dofbench.core.jobs import Outcome
 from dofbench.core.progress import Several, Silent
-from dofbench.synthesis import builder as make
-from dofbench.synthesis import make_dataset
-from dofbench.synthesis.dataset_options import MakeDataset, MakeDatasets
-from dofbench.synthesis.several_datasets import planned
+from dofbench.datasets.synthesis import builder as make
+from dofbench.datasets.synthesis import make_dataset
+from dofbench.datasets.synthesis.dataset_options import MakeDataset, MakeDatasets
+from dofbench.datasets.synthesis.several_datasets import planned
 
 
 def folders(datasets):
@@ -65,7 +65,7 @@ def test_a_scene_that_fails_does_not_stop_the_others(scene, write_scene, dataset
     other = write_scene(tmp_path / "other")
     (other / "images" / "v02.png").write_bytes(b"none")
     out = tmp_path / "out"
-    assert cli.main(["make-dataset", str(other), str(scene), "--out", str(out)]) == 1
+    assert app.main(["make-dataset", str(other), str(scene), "--out", str(out)]) == 1
     printed = capfd.readouterr()
     assert contents(out / "planes") == contents(dataset_as_called)
     assert printed.out == f"{out / 'planes'}: 6 views\n"

@@ -22,10 +22,10 @@ from dofbench.core.files import sha256_file
 from dofbench.core.images import read_exr, read_image
 from dofbench.core.lens import Lens
 from dofbench.core.progress import Silent
-from dofbench.dataset.schema import read_manifest
+from dofbench.datasets.format.schema import read_manifest
+from dofbench.datasets.synthesis import Dataset, builtin_folder, make_dataset
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.scenes import load_scene
-from dofbench.synthesis import Dataset, builtin_folder, make_dataset
-from dofbench.synthesis.dataset_options import MakeDataset
 
 
 @pytest.fixture(scope="module")

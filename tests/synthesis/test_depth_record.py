@@ -13,14 +13,14 @@ from onnx_networks import mean_of_channels, write_network
 from relisted import write_again
 from tolerances import FLOAT32_VALUE, LEVEL_8BIT
 
-from dofbench.cli import DONE, FAILED, WRONG_CALL, main
+from dofbench.cli.app import DONE, FAILED, WRONG_CALL, main
 from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_exr, read_image, to_8bit, write_exr, write_grey_png
 from dofbench.core.progress import Silent
-from dofbench.synthesis import Dataset, check_dataset, depth_record, depth_sources, make_dataset
-from dofbench.synthesis.dataset_options import MakeDataset
-from dofbench.synthesis.depth_record import check_depth
+from dofbench.datasets.synthesis import Dataset, check_dataset, depth_record, depth_sources, make_dataset
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
+from dofbench.datasets.synthesis.depth_record import check_depth
 
 # The built-in scene has points in every view.
 TABLE_TOP = {"scene": "tabletop", "width": 64, "depth": "sfm", "aperture": (0.0,)}

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tolerances import FLOAT64_VALUE
 
 from dofbench.core.lens import DisparityRange
-from dofbench.depth.disparity import scene_range, view_range
+from dofbench.scenes.depth.disparity import scene_range, view_range
 
 depths = st.one_of(
     st.just(0.0), st.sampled_from([1.0, 2.0, 3.0]), st.floats(2.0**-10, 1e6, width=32), st.just(float(np.inf))

@@ -12,11 +12,11 @@ from tolerances import FAR_POSITION
 from dofbench.core.digests import write_with_digest
 from dofbench.core.files import read_json
 from dofbench.core.progress import Silent
-from dofbench.dataset.dataset import Dataset
+from dofbench.datasets.format.dataset import Dataset
+from dofbench.datasets.synthesis import check_dataset, make_dataset
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.scenes.loading import load_scene
-from dofbench.scenes.poses import llff_to_opencv
-from dofbench.synthesis import check_dataset, make_dataset
-from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.scenes.readers.poses import llff_to_opencv
 
 AT = (448262.0, 5411932.0, 135.0)
 

@@ -9,8 +9,8 @@ import signal
 import pytest
 from called import called, dofbench, killed
 
-from dofbench import cli
-from dofbench.synthesis import check_dataset
+from dofbench.cli import app
+from dofbench.datasets.synthesis import check_dataset
 
 LENSES = ("--assign", "fixed", "--focus", "0.2,0.8", "--aperture", "1")
 
@@ -49,7 +49,7 @@ def test_one_dataset(scene, dataset_as_called, tmp_path, contents, kills, seed):
 def test_several_datasets_side_by_side(scene, write_scene, tmp_path, contents, kills, seed):
     other = write_scene(tmp_path / "other")
     arguments = (scene, other, *LENSES, "--jobs", "2")
-    assert cli.main(["make-dataset", *map(str, arguments), "--out", str(tmp_path / "whole")]) == 0
+    assert app.main(["make-dataset", *map(str, arguments), "--out", str(tmp_path / "whole")]) == 0
     total = count(tmp_path / "whole")
     hit = kill_and_repeat(tmp_path / "out", (*arguments, "--out", tmp_path / "out"), kills, seed, total)
     assert hit > 0

@@ -15,10 +15,10 @@ from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_exr, read_image, write_exr
 from dofbench.core.progress import Silent
-from dofbench.dataset.dataset import Dataset
+from dofbench.datasets.format.dataset import Dataset
+from dofbench.datasets.synthesis import check_dataset, make_dataset
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.scenes import load_scene
-from dofbench.synthesis import check_dataset, make_dataset
-from dofbench.synthesis.dataset_options import MakeDataset
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 GREY, GLINT, ROW, COLUMN = 0.47, 60.0, 48, 100
@@ -95,10 +95,10 @@ def test_what_was_cut_off_goes_on_with_the_same_bytes(light_scene, tmp_path, con
 
 
 def test_another_lens_takes_the_light_over(light_scene, tmp_path, monkeypatch):
-    from dofbench.synthesis.builder import make
+    from dofbench.datasets.synthesis.builder import make
 
     first = made(light_scene, tmp_path / "one")
-    monkeypatch.setattr("dofbench.synthesis.builder.light_of", None)
+    monkeypatch.setattr("dofbench.datasets.synthesis.builder.light_of", None)
     settings = MakeDataset(scene=str(light_scene), out=tmp_path / "two", focus=(0.2,))
     second = make(settings, Silent(), sibling=first)
     assert check_dataset(second) == []

@@ -16,11 +16,11 @@ from dofbench.core.errors import InputError
 from dofbench.core.images import read_exr, read_image, write_exr, write_png
 from dofbench.core.lens import ApertureShape
 from dofbench.core.progress import Silent, Terminal
-from dofbench.depth.estimate import DepthEstimate
-from dofbench.kernels import load
+from dofbench.datasets.synthesis import check_dataset, depth_sources, make_dataset
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
+from dofbench.runtime.ops import load
 from dofbench.scenes import load_scene
-from dofbench.synthesis import check_dataset, depth_sources, make_dataset
-from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.scenes.depth.estimate import DepthEstimate
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 near = partial(pytest.approx, rel=FLOAT64_VALUE)

@@ -8,9 +8,9 @@ from tolerances import FLOAT32_VALUE
 
 from dofbench.core.errors import InputError
 from dofbench.core.lens import DisparityRange, Lens
-from dofbench.synthesis.lens_plan import PlannedView
-from dofbench.synthesis.masked_views import REACHED, unreached
-from dofbench.synthesis.render_views import Photography, shallow_image, view_record
+from dofbench.datasets.synthesis.lens_plan import PlannedView
+from dofbench.datasets.synthesis.masked_views import REACHED, unreached
+from dofbench.datasets.synthesis.render_views import Photography, shallow_image, view_record
 
 SHARED = Photography(DisparityRange(0.1, 0.6), per_view=False)
 

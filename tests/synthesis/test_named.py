@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from made_up import frontal
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.errors import InputError
 from dofbench.core.images import write_png
 from dofbench.core.progress import Silent
+from dofbench.datasets.synthesis import check_dataset, make_dataset
+from dofbench.datasets.synthesis.builder import find_scene, read_scene
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
+from dofbench.datasets.synthesis.several_datasets import planned
 from dofbench.scenes.export import write_poses_bounds
-from dofbench.synthesis import check_dataset, make_dataset
-from dofbench.synthesis.builder import find_scene, read_scene
-from dofbench.synthesis.dataset_options import MakeDataset
-from dofbench.synthesis.several_datasets import planned
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 
@@ -44,7 +44,7 @@ def test_a_named_scene_becomes_a_dataset_that_its_own_command_makes_again(
     assert manifest["command"] == "dofbench make-dataset rendered/planes --width 64 --layout nerfstudio"
     assert manifest["command"] in (folder / "README.md").read_text()
     assert manifest["name"] == "rendered-planes"
-    again = cli.parse(shlex.split(manifest["command"])[1:])
+    again = app.parse(shlex.split(manifest["command"])[1:])
     (again,), _ = planned(replace(again, data_root=shelf, out=tmp_path / "again"))
     again = make_dataset(again, progress=Silent())
     assert contents(again) == contents(folder)
@@ -106,7 +106,7 @@ def test_several_scenes_are_not_taken_for_one(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", ["llff", "llff/fern", "llff/nothing", "fern"])
 def test_what_is_not_here_is_one_line(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["make-dataset", text, "--data-root", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert app.main(["make-dataset", text, "--data-root", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
     line = capsys.readouterr().err
     assert line.startswith(f"dofbench: {text}: found ") and line.count("\n") == 1 and "llff" in line
     assert not (tmp_path / "out").exists()

@@ -14,14 +14,14 @@ from relisted import edit_json as edit
 from relisted import relist
 from scipy.ndimage import uniform_filter
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.errors import InputError
 from dofbench.core.images import read_image, write_png
 from dofbench.core.progress import Silent
+from dofbench.datasets.synthesis import Dataset, check_dataset, make_dataset, real_photographs
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
+from dofbench.evaluation.scoring.ground_truth import NO_EXACT_DEPTH, missing_truth
 from dofbench.scenes import export, load_scene
-from dofbench.scoring.ground_truth import NO_EXACT_DEPTH, missing_truth
-from dofbench.synthesis import Dataset, check_dataset, make_dataset, real_photographs
-from dofbench.synthesis.dataset_options import MakeDataset
 
 TRAIN, TEST = ("v01", "v02", "v04", "v05"), ("v00", "v03")
 
@@ -235,7 +235,7 @@ def test_depth_of_another_program(write_scene: Callable, blurred: Path, tmp_path
 def test_of_a_folder_without_sharp_photographs_none_is_made_up(write_scene: Callable, tmp_path: Path) -> None:
     root = write_scene(tmp_path / "scene", depth=False, points=False)
     out = tmp_path / "out"
-    assert cli.main(["make-dataset", str(root), "--photographs", "shallow", "--out", str(out)]) == 0
+    assert app.main(["make-dataset", str(root), "--photographs", "shallow", "--out", str(out)]) == 0
     dataset = Dataset.load(out)
     assert not any(view.has_all_in_focus or view.has_depth for view in dataset.views)
     # Without depth and points the depth bounds are unknown.
@@ -275,7 +275,7 @@ def test_it_is_made_again_from_its_manifest(
     blurred: Path, made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     call = ["make-dataset", str(blurred), "--like", str(made), "--out", str(tmp_path / "again")]
-    assert cli.main(call) == 0
+    assert app.main(call) == 0
     assert f"the same bytes as {made}" in capsys.readouterr().out
 
 
@@ -296,7 +296,7 @@ def test_how_to_blur_is_no_question(
 ) -> None:
     out = tmp_path / "out"
     call = ["make-dataset", str(blurred), "--layout", "deblurnerf", "--out", str(out), *options]
-    assert cli.main(call) == 2
+    assert app.main(call) == 2
     line = capsys.readouterr().err
     assert word in line and line.count("\n") == 1 and not out.exists()
 
@@ -416,5 +416,5 @@ def test_blown_out_photographs_are_shrunk_by_a_factor_that_is_not_whole(blurred:
         write_png(path, image)
     for width in ("39", "54", "71"):
         call = ["make-dataset", str(root), "--photographs", "shallow", "--width", width, "--out", str(tmp_path / width)]
-        assert cli.main(call) == cli.DONE, capsys.readouterr().err
+        assert app.main(call) == app.DONE, capsys.readouterr().err
         assert read_image(tmp_path / width / "images/v01.png").max() == 1

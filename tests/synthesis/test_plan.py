@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FOUR_DECIMALS
 
-from dofbench.synthesis.lens_plan import Values, deal_plan, draw_plan
+from dofbench.datasets.synthesis.lens_plan import Values, deal_plan, draw_plan
 
 values = st.lists(st.integers(0, 20).map(lambda n: n / 20), min_size=1, max_size=5, unique=True)
 splits = st.lists(st.sampled_from(["train", "test"]), min_size=1, max_size=40)

@@ -19,12 +19,12 @@ from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file
 from dofbench.core.images import write_png
 from dofbench.core.progress import Silent
+from dofbench.datasets.synthesis import Dataset, builder, check_dataset, make_dataset, method_points
+from dofbench.datasets.synthesis.dataset_options import MakeDataset, MakeDatasets
+from dofbench.datasets.synthesis.method_points import LEAST_POINTS, triangulated_between
+from dofbench.datasets.synthesis.remake import make_again
+from dofbench.datasets.synthesis.several_datasets import planned
 from dofbench.scenes import load_scene
-from dofbench.synthesis import Dataset, builder, check_dataset, make_dataset, method_points
-from dofbench.synthesis.dataset_options import MakeDataset, MakeDatasets
-from dofbench.synthesis.method_points import LEAST_POINTS, triangulated_between
-from dofbench.synthesis.remake import make_again
-from dofbench.synthesis.several_datasets import planned
 
 TEST, TRAIN = ("v00", "v03"), ("v01", "v02", "v04", "v05")
 

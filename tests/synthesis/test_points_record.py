@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dofbench.dataset.points_record import PointsRecord, points_in_words, points_of_plan
+from dofbench.datasets.format.points_record import PointsRecord, points_in_words, points_of_plan
 
 USUAL = {
     "origin": "structure from motion",

@@ -12,16 +12,16 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.images import read_exr, write_exr
+from dofbench.datasets.synthesis import check_dataset
 from dofbench.scenes import load_scene
 from dofbench.scenes.export import write_colmap
-from dofbench.synthesis import check_dataset
 
 
 def command(capsys, *arguments):
     """Status and last line of standard error of a call of make-dataset."""
-    status = cli.main(["make-dataset", *map(str, arguments)])
+    status = app.main(["make-dataset", *map(str, arguments)])
     stderr = capsys.readouterr().err
     assert "Traceback" not in stderr
     return status, stderr.splitlines()[-1]

@@ -10,16 +10,16 @@ from called import killed
 
 from dofbench.core.errors import InputError
 from dofbench.core.progress import Silent
-from dofbench.synthesis import builder as make
-from dofbench.synthesis import check_dataset, make_dataset
-from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.datasets.synthesis import builder as make
+from dofbench.datasets.synthesis import check_dataset, make_dataset
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
 
 SLOW = """
 import sys, time
 from pathlib import Path
-from dofbench.synthesis import builder as make, make_dataset
+from dofbench.datasets.synthesis import builder as make, make_dataset
 from dofbench.core.progress import Silent
-from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
 blur = make.shallow_image
 def slow(*arguments):
     time.sleep(0.3)

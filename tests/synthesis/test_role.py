@@ -12,9 +12,9 @@ from relisted import write_again
 from small_dataset import write_dataset as write_fake
 
 from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS
-from dofbench.dataset.dataset import Dataset
-from dofbench.synthesis import check_dataset, make_dataset
-from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.datasets.format.dataset import Dataset
+from dofbench.datasets.synthesis import check_dataset, make_dataset
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
 
 
 @pytest.fixture(scope="module")

@@ -10,15 +10,15 @@ from typing import get_args
 import pytest
 from tolerances import FLOAT64_VALUE
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.blur import Blur
 from dofbench.core.errors import InputError
 from dofbench.core.lens import ApertureShape
-from dofbench.synthesis.dataset_options import About, DatasetOptions, MakeDataset, MakeDatasets
+from dofbench.datasets.synthesis.dataset_options import About, DatasetOptions, MakeDataset, MakeDatasets
 
 
 def test_lists_are_numbers_in_the_order_given():
-    settings = cli.parse(["make-dataset", "--focus", "0.8, 0.2", "--aperture", "1"])
+    settings = app.parse(["make-dataset", "--focus", "0.8, 0.2", "--aperture", "1"])
     assert settings.focus == (0.8, 0.2) and settings.aperture == (1.0,)
     assert MakeDataset(aperture=(0, 1)).recipe()["aperture"] == [0.0, 1.0]
     assert {type(value) for value in MakeDataset(aperture=[0, 1]).aperture} == {float}
@@ -28,7 +28,7 @@ def test_lists_are_numbers_in_the_order_given():
 @pytest.mark.parametrize("option", ["--focus", "--aperture", "--test-focus", "--test-aperture"])
 def test_what_is_no_list_of_numbers_is_one_line(option, text):
     with pytest.raises(InputError) as caught:
-        cli.parse(["make-dataset", "--assign", "held-out", option, text])
+        app.parse(["make-dataset", "--assign", "held-out", option, text])
     assert str(caught.value) == f"{option}: found {text!r}, expected numbers separated by commas, such as 0.2,0.5"
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from relisted import edit_json
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.errors import InputError
 from dofbench.core.progress import Silent
-from dofbench.dataset.dataset import Dataset
-from dofbench.synthesis import make_dataset
-from dofbench.synthesis.dataset_options import MakeDataset
+from dofbench.datasets.format.dataset import Dataset
+from dofbench.datasets.synthesis import make_dataset
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
 
 OUTSIDE = ["../victim.txt", "images/../../victim.txt", "a\\..\\..\\victim.txt", "ABSOLUTE", "a\nb", "a\0b", "x" * 201]
 MISSING = {"sha256": "0" * 64, "size": 3}
@@ -30,7 +30,7 @@ def test_a_manifest_that_lists_a_file_outside(scene: Path, folder: Path, capsys,
     name = name.replace("ABSOLUTE", str(folder.parent / "victim.txt"))
     edit_json(folder / "dataset.json", lambda manifest: manifest["files"].update({name: MISSING}))
     for call in (["make-dataset", str(scene), "--out", str(folder)], ["check", str(folder)]):
-        assert cli.main(call) == cli.WRONG_CALL
+        assert app.main(call) == app.WRONG_CALL
         assert capsys.readouterr().err.count("\n") == 1
     assert (folder.parent / "victim.txt").read_text() == "precious"
 

@@ -18,12 +18,12 @@ from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_exr, read_image, write_png
 from dofbench.core.progress import Silent
+from dofbench.datasets.synthesis import Dataset, check_dataset, make_dataset, method_points
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
+from dofbench.datasets.synthesis.photographing import Optics
 from dofbench.optics.tone import encode
-from dofbench.procedural import make_scene
-from dofbench.procedural.scene_options import MakeScene
-from dofbench.synthesis import Dataset, check_dataset, make_dataset, method_points
-from dofbench.synthesis.dataset_options import MakeDataset
-from dofbench.synthesis.photographing import Optics
+from dofbench.scenes.procedural import make_scene
+from dofbench.scenes.procedural.scene_options import MakeScene
 
 pytest.importorskip("mitsuba", reason="mitsuba is not installed (extra: render)")
 

@@ -12,7 +12,7 @@ from relisted import write_again
 from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file, write_json
 from dofbench.core.images import read_image, write_png
-from dofbench.synthesis import check_dataset
+from dofbench.datasets.synthesis import check_dataset
 
 
 @pytest.fixture

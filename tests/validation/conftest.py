@@ -11,8 +11,8 @@ from truth_fakes import HEIGHT, WIDTH, looked_at
 
 from dofbench.core.files import write_json
 from dofbench.core.images import write_exr, write_png
+from dofbench.evaluation.renderer import planes
 from dofbench.optics.tone import encode
-from dofbench.validation import planes
 
 WALLS = (planes.Plane(1, 4.0, "all", 0.0), planes.Plane(2, 4.0, "discs", 1.0))
 STEPS, FAR, NEAR = 2, -0.4, 0.4

@@ -13,8 +13,8 @@ from truth_fakes import looked_at
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, write_json
 from dofbench.core.images import write_exr
+from dofbench.evaluation.renderer.detect import cases_in
 from dofbench.optics.tone import encode
-from dofbench.validation.detect import cases_in
 
 
 def test_a_scene_of_blb(blb):

@@ -9,7 +9,7 @@ import pytest
 from tolerances import SWEPT_DISPARITY
 
 from dofbench.core.errors import InputError
-from dofbench.validation.lightfield import GRID, lightfield_cases, read_lightfield, sweep
+from dofbench.evaluation.renderer.lightfield import GRID, lightfield_cases, read_lightfield, sweep
 
 
 def test_the_sweep_finds_the_disparity(lightfield):

@@ -12,11 +12,11 @@ from scipy.ndimage import map_coordinates
 from tolerances import FLOAT32_VALUE, LENS_COVERED, POLYGON_AREA
 
 from dofbench.core.lens import ApertureShape
+from dofbench.evaluation.renderer import planes
+from dofbench.evaluation.renderer.lens_points import lens_points, polygon_to_disc
+from dofbench.evaluation.renderer.planes import HEIGHT, SCENES, WIDTH, Plane, photograph, seen
+from dofbench.evaluation.renderer.variants import VARIANTS
 from dofbench.optics.tone import encode
-from dofbench.validation import planes
-from dofbench.validation.lens_points import lens_points, polygon_to_disc
-from dofbench.validation.planes import HEIGHT, SCENES, WIDTH, Plane, photograph, seen
-from dofbench.validation.variants import VARIANTS
 
 RENDER = {variant.name: variant.render for variant in VARIANTS}
 

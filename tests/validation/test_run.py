@@ -11,15 +11,15 @@ import pytest
 from called import called, dofbench, killed
 from rich.console import Console
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.errors import InputError
 from dofbench.core.images import write_exr
-from dofbench.validation import kept_scores, planes
-from dofbench.validation import validate as run
-from dofbench.validation.kept_scores import FOLDER
-from dofbench.validation.renderer_scores import score
-from dofbench.validation.validation_options import ValidateRenderer
-from dofbench.validation.variants import VARIANTS, Variant
+from dofbench.evaluation.renderer import kept_scores, planes
+from dofbench.evaluation.renderer import validate as run
+from dofbench.evaluation.renderer.kept_scores import FOLDER
+from dofbench.evaluation.renderer.renderer_scores import score
+from dofbench.evaluation.renderer.validation_options import ValidateRenderer
+from dofbench.evaluation.renderer.variants import VARIANTS, Variant
 
 
 def rows(folder):
@@ -175,7 +175,7 @@ def test_killed_at_any_moment_it_goes_on(blb, tmp_path):
 
 
 def test_a_wrong_folder_is_one_line_and_status_2(tmp_path, capsys):
-    assert cli.main(["validate-renderer", str(tmp_path)]) == 2
+    assert app.main(["validate-renderer", str(tmp_path)]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and "scene.json" in said
 

@@ -12,8 +12,8 @@ pytest.importorskip("mitsuba", reason="needs mitsuba, the extra [render]")
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    from dofbench.procedural import make_scene
-    from dofbench.procedural.scene_options import MakeScene
+    from dofbench.scenes.procedural import make_scene
+    from dofbench.scenes.procedural.scene_options import MakeScene
 
     out = tmp_path_factory.mktemp("scene") / "tiles"
     make_scene(
@@ -35,7 +35,7 @@ def scene(tmp_path_factory):
 
 @pytest.mark.slow
 def test_more_rays_come_closer_to_the_scenes_own_photograph(scene):
-    from dofbench.validation.detect import cases_in
+    from dofbench.evaluation.renderer.detect import cases_in
 
     (case,) = cases_in(scene)
     assert case.geometry

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS
+from dofbench.evaluation.results.collecting import Entry
+from dofbench.evaluation.results.columns import COLUMNS
+from dofbench.evaluation.results.run_spec import option_words
 from dofbench.reporting import standing, table_cells
 from dofbench.reporting.ablations.filled_table import Filled
 from dofbench.reporting.ablations.row_differences import differences
@@ -16,9 +19,6 @@ from dofbench.reporting.paper import OF_THEIR_SSIM, names_their_ssim, of_scene
 from dofbench.reporting.score_table import Beside, score_table
 from dofbench.reporting.summary import Line
 from dofbench.reporting.view import Block, Cell, Command, Document, Items, Paragraph, Section, Table
-from dofbench.results.collecting import Entry
-from dofbench.results.columns import COLUMNS
-from dofbench.results.run_spec import option_words
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_plan import Source
 

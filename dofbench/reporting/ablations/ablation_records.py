@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dofbench.core.evidence import ROLE_NOT_STATED
+from dofbench.evaluation.results.run_spec import option_words
 from dofbench.reporting.ablations.filled_table import NOT_RUN, Filled
 from dofbench.reporting.ablations.row_differences import differences
 from dofbench.reporting.records import Records
 from dofbench.reporting.summary import Statistic
-from dofbench.results.run_spec import option_words
 
 CELLS = (
     "table",

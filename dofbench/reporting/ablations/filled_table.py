@@ -6,10 +6,10 @@ import math
 import statistics
 from dataclasses import dataclass
 
+from dofbench.evaluation.results.collecting import Entry
+from dofbench.evaluation.results.protocol import arithmetic_mean
 from dofbench.reporting import standing
 from dofbench.reporting.summary import Line, Statistic, scene_mean, seed_mean
-from dofbench.results.collecting import Entry
-from dofbench.results.protocol import arithmetic_mean
 from dofbench.running.ablation_plan import TablePlan
 from dofbench.running.ended_runs import Ended
 

@@ -9,14 +9,14 @@ from html import escape
 
 from dofbench import __version__
 from dofbench.core.content import content_folder
+from dofbench.evaluation.scoring.error_maps import FULL_SCALE
+from dofbench.evaluation.scoring.resolved import FULL_SCALE as RESOLVED_SCALE
 from dofbench.reporting.footnotes import Footnotes
 from dofbench.reporting.html.html_blocks import blocks_html, items_html, notes_html, paragraph_html, table_html
 from dofbench.reporting.html.packed_pictures import Packed, packed
 from dofbench.reporting.html.plot_data import plot_data
 from dofbench.reporting.report_view import BoardView, CurveView, ReportView
 from dofbench.reporting.view import Block, Document, Section
-from dofbench.scoring.error_maps import FULL_SCALE
-from dofbench.scoring.resolved import FULL_SCALE as RESOLVED_SCALE
 
 SCRIPTS = ("report.js", "sort.js", "chart.js", "compare.js")
 _MARK = re.compile(r"\{\{(\w+)\}\}")

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from dofbench.core.images import read_image, resize, to_8bit
+from dofbench.evaluation.scoring.error_maps import FULL_SCALE
 from dofbench.reporting.gallery import BoardPictures, KindPictures
-from dofbench.scoring.error_maps import FULL_SCALE
 
 BUDGET_MB = 12  # MB of pictures in one page, as base64
 SIDES = (720, 504, 360, 252)  # px, longer side of pictures: the first size is used with which all pictures fit

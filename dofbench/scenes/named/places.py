@@ -10,13 +10,13 @@ from typing import Any
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, sha256_file
-from dofbench.scenes.colmap_places import scene_folder
-from dofbench.scenes.folders import scene_name
 from dofbench.scenes.loading import UNMARKED
 from dofbench.scenes.named.library import named_datasets, source_of
 from dofbench.scenes.named.named_scene import ResolvedScene
 from dofbench.scenes.named.roles import StatedRole, role_by_files, role_of_recipe, role_of_scene
 from dofbench.scenes.named.schema import NOT_STATED, SCENE, NamedDataset, NamedScene, Recipe
+from dofbench.scenes.readers.colmap_places import scene_folder
+from dofbench.scenes.readers.folders import scene_name
 
 VARIABLE = "DOFBENCH_DATA"
 _RENDERED = "dofbench-scene"  # the schema of scene.json, as make-scene writes it

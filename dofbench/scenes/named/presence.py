@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from dofbench.core.errors import InputError
-from dofbench.scenes.folders import marked_hold
 from dofbench.scenes.named.named_scene import ResolvedScene
 from dofbench.scenes.named.places import same_files
+from dofbench.scenes.readers.folders import marked_hold
 
 # "here": readable, and there is no published checksum to compare with.
 State = Literal["complete", "here", "incomplete", "different", "unreadable", "absent"]

@@ -8,8 +8,8 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
-from dofbench.compute.threads import available_cores
 from dofbench.core.progress import Progress
+from dofbench.runtime.threads import available_cores
 from dofbench.scenes.reconstruction.features import FeatureCount, extract, register_images
 from dofbench.scenes.reconstruction.focal_length import CameraGroup
 from dofbench.scenes.reconstruction.interruptible import wait

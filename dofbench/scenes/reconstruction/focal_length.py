@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from dofbench.core.exif import Exif
+from dofbench.core.image_files.exif import Exif
 from dofbench.scenes.reconstruction.photograph_list import Prepared
 
 # The diagonal of 36 x 24 mm: what "35 mm equivalent" refers to (CIPA DCG-001).

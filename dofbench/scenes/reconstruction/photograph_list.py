@@ -10,19 +10,19 @@ from pathlib import Path
 
 import numpy as np
 
-from dofbench.core.camera_files import is_camera_file, missing_package
 from dofbench.core.cameras import Camera
-from dofbench.core.coding import Coding
 from dofbench.core.errors import InputError, first_line
-from dofbench.core.exif import Exif
 from dofbench.core.files import sha256_file, sha256_text
+from dofbench.core.image_files.camera_files import is_camera_file, missing_package
+from dofbench.core.image_files.coding import Coding
+from dofbench.core.image_files.exif import Exif
 from dofbench.core.images import image_coding, image_size, read_exr, read_image, resize, write_exr, write_png
 from dofbench.core.masks import filled, read_mask, read_opaque, shrunk_mask, write_mask
 from dofbench.scenes.companions import photographs_of
-from dofbench.scenes.exif_files import exif_by_file
-from dofbench.scenes.folders import IMAGE_SUFFIXES, other_files, view_names
 from dofbench.scenes.found_masks import alpha_note, masks_beside, translucent
 from dofbench.scenes.light import coding_notes, for_display, read_values
+from dofbench.scenes.readers.exif_files import exif_by_file
+from dofbench.scenes.readers.folders import IMAGE_SUFFIXES, other_files, view_names
 from dofbench.scenes.scene import Alpha, Split
 from dofbench.scenes.scene_masks import check_size
 

@@ -10,8 +10,8 @@ from typing import Literal
 from dofbench.core.cameras import NO_OFFSET, Offset
 from dofbench.core.errors import InputError
 from dofbench.core.files import canonical_json, sha256_text
-from dofbench.scenes.folders import image_folders
 from dofbench.scenes.loading import detect, load_scene, print_notes
+from dofbench.scenes.readers.folders import image_folders
 from dofbench.scenes.reconstruction import video
 from dofbench.scenes.reconstruction.photograph_list import LEAST, Photograph, digests, find_photographs, upright_size
 from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct

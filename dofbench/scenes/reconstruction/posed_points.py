@@ -10,7 +10,7 @@ import numpy as np
 
 from dofbench.core.contracts import PointCloud
 from dofbench.core.progress import Progress
-from dofbench.scenes.colmap import read_model
+from dofbench.scenes.readers.colmap import read_model
 from dofbench.scenes.reconstruction.comparing import compare
 from dofbench.scenes.reconstruction.mapping import triangulate
 from dofbench.scenes.reconstruction.photograph_list import LEAST, Photograph, Prepared, prepare

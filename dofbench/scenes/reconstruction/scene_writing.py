@@ -9,11 +9,11 @@ import numpy as np
 
 from dofbench.core.cameras import NO_OFFSET, Camera, Offset
 from dofbench.core.contracts import PointCloud
-from dofbench.core.exif import write_exif
+from dofbench.core.image_files.exif import write_exif
 from dofbench.core.images import read_exr, read_image, write_exr, write_png
 from dofbench.core.masks import read_mask, write_mask
 from dofbench.scenes import export
-from dofbench.scenes.colmap import read_model
+from dofbench.scenes.readers.colmap import read_model
 from dofbench.scenes.reconstruction.kept_steps import Work
 from dofbench.scenes.reconstruction.photograph_list import Prepared
 from dofbench.scenes.scene_masks import undistort_mask

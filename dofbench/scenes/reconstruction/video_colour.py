@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from dofbench.core.errors import InputError
-from dofbench.core.iso_boxes import colour_codes
+from dofbench.core.image_files.iso_boxes import colour_codes
 
 # ITU-T H.273, tables 2 and 3. 0 and 2: not stated. BT.601's primaries are a hair's breadth from BT.709's.
 _USUAL_PRIMARIES = (0, 1, 2, 4, 5, 6, 7)

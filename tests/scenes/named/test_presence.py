@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.errors import InputError
 from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
 from dofbench.scenes.named import NamedDataset, named_datasets, resolve
@@ -156,7 +156,7 @@ def test_the_command_lists_what_is_here_and_what_to_put_where(
     monkeypatch.delenv("DOFBENCH_DATA", raising=False)
     if given == "variable":
         monkeypatch.setenv("DOFBENCH_DATA", str(tmp_path))
-    assert cli.main(["scenes", *(["--data-root", str(tmp_path)] if given == "option" else [])]) == 0
+    assert app.main(["scenes", *(["--data-root", str(tmp_path)] if given == "option" else [])]) == 0
     text = " ".join(capsys.readouterr().out.split())
     assert "llff/orchids report complete 21 + 4 test, 504x378" in text
     assert "dof-gaussian/orchids report complete 21 + 4 test" in text
@@ -172,7 +172,7 @@ def test_the_command_without_a_data_root_lists_all_and_says_how_to_look(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DOFBENCH_DATA", raising=False)
-    assert cli.main(["scenes"]) == 0
+    assert app.main(["scenes"]) == 0
     text = capsys.readouterr().out
     assert all(dataset.title in text for dataset in LIBRARY.values())
     assert "--data-root DIR, or set DOFBENCH_DATA" in text and "absent" not in text
@@ -182,9 +182,9 @@ def test_the_command_fails_when_something_here_is_not_whole(
     tmp_path: Path, write_scene: Callable[[Path, str, int], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_scene(tmp_path / "nerf_llff_data" / "orchids", "llff", 24)
-    assert cli.main(["scenes", "--data-root", str(tmp_path)]) == 1
+    assert app.main(["scenes", "--data-root", str(tmp_path)]) == 1
     assert "incomplete" in capsys.readouterr().out
-    assert cli.main(["scenes", "--data-root", str(tmp_path / "nowhere")]) == 2
+    assert app.main(["scenes", "--data-root", str(tmp_path / "nowhere")]) == 2
 
 
 def test_real_scenes_are_complete(real_data: Callable[[str], Path]) -> None:

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from dofbench import cli
+from dofbench.cli import app
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
-from dofbench.procedural.scene_options import DEVELOPMENT, NAMES, REPORT, MakeScene
 from dofbench.scenes.named import named_datasets, resolve
 from dofbench.scenes.named.roles import StatedRole, contradiction, role_of_recipe, role_of_scene
+from dofbench.scenes.procedural.scene_options import DEVELOPMENT, NAMES, REPORT, MakeScene
 
 LIBRARY = named_datasets()
 # What was looked at before roles were stated; nothing is ever taken away from this list.
@@ -67,7 +67,7 @@ def test_recipes_are_of_one_role_each() -> None:
 def test_the_command_of_a_report_scene_makes_it(scene) -> None:
     command = shlex.split(scene.made_by)
     assert command[0] == "dofbench"
-    settings = cli.parse(command[1:])
+    settings = app.parse(command[1:])
     assert isinstance(settings, MakeScene)
     assert (settings.recipe, settings.seed) == (scene.rendered.recipe, scene.rendered.seed)
     assert ((settings.width, settings.height), settings.views) == (scene.size, scene.views)

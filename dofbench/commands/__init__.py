@@ -1,1 +1,0 @@
-"""Commands that combine several packages, one module each."""

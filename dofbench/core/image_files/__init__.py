@@ -1,0 +1,1 @@
+"""Colour, transfer functions and metadata of image files."""

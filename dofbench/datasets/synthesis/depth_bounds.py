@@ -1,0 +1,35 @@
+"""Near and far bounds of a dataset's views."""
+
+from __future__ import annotations
+
+from collections.abc import Set
+from pathlib import Path
+
+import numpy as np
+
+from dofbench.core.images import read_exr
+from dofbench.datasets.format import layout
+from dofbench.datasets.format.points_choice import Points
+from dofbench.scenes.readers.near_far import depth_bounds
+from dofbench.scenes.scene import Scene
+from dofbench.scenes.visibility import visible
+
+
+def bounds_of_views(scene: Scene, root: Path, kind: Points, measured: Set[str]) -> np.ndarray | None:
+    """(N, 2) near and far of the scene's views, in its order; None if nothing is known of any.
+
+    From a view's depth map in the dataset folder `root`, if it is one of `measured`, else from the points that it sees.
+    kind: `--points`. Where the points were triangulated between the training photographs, a method must not be told
+    more than these photographs say, so then all bounds are from the points, and a test view gets those of all views.
+    """
+    sparse = scene.points if scene.points is not None and len(scene.points) else None
+    depths = []
+    for index, view in enumerate(scene.views):
+        known = np.empty(0)
+        if kind == "scene" and view.name in measured:
+            depth_map = read_exr(layout.depth_path(root, view.name))
+            known = depth_map[depth_map > 0]
+        if not known.size and sparse is not None:
+            known = visible(sparse, view.camera, index).depth
+        depths.append(known)
+    return depth_bounds(depths)

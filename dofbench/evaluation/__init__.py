@@ -1,0 +1,1 @@
+"""Scores of predictions, results and their protocols, and checks of renderers and numerical stability."""

@@ -1,0 +1,249 @@
+"""Finding results, and grouping those that can be compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from dofbench.core.errors import InputError, Status
+from dofbench.core.files import canonical_json, files_below
+from dofbench.datasets.format.points_record import PointsRecord, points_of_plan
+from dofbench.evaluation.results.added_scores import Added, read_added
+from dofbench.evaluation.results.columns import COLUMNS, SCORES
+from dofbench.evaluation.results.result import RESULT_FILE, Result, Spec, read_result
+from dofbench.evaluation.results.run_lease import read_lease
+from dofbench.evaluation.results.run_spec import option_words
+from dofbench.runtime.leases import at_work, leased_folders
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One run. result: None when the process died before it could write one. added: scores computed later by `dofbench
+    score`, None without. choices: digest of all that preset and call chose (`Result.choices`), None where it isn't
+    known."""
+
+    folder: Path
+    spec: Spec
+    scene: str
+    status: Status
+    message: str
+    result: Result | None
+    added: Added | None = None
+    choices: str | None = None
+
+    @property
+    def scores(self) -> dict[str, float]:
+        """Column -> value, of scores measured by the run or added later."""
+        later = {column: score.value for column, score in self.added.scores.items()} if self.added else {}
+        return {**later, **self.result.scores} if self.result else {}
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """Column -> why the score wasn't measured."""
+        return {**(self.added.left_out if self.added else {}), **self.result.left_out} if self.result else {}
+
+    @property
+    def views(self) -> dict[str, dict[str, float]]:
+        """Test view -> column -> value, measured by the run or added later."""
+        later = self.added.scores.items() if self.added else ()
+        return {
+            view.name: {
+                **{column: score.views[view.name] for column, score in later if view.name in score.views},
+                **view.scores,
+            }
+            for view in (self.result.views if self.result else ())
+        }
+
+    @property
+    def preset(self) -> str:
+        """The preset, followed by the options that the user changed, without which a score can't be interpreted."""
+        return " ".join([self.spec.preset, *option_words(self.spec.overrides)])
+
+    @property
+    def lenses(self) -> dict[str, Any] | None:
+        """How the dataset assigns its lenses to views, as `dofbench.running.plan.dealt_lenses` gives it; None for an
+        old result that doesn't store it."""
+        return self.result.plan.get("lenses") if self.result else None
+
+    @property
+    def points(self) -> PointsRecord | None:
+        """Where the dataset's points and poses come from; None where it or an old result doesn't say."""
+        return points_of_plan(self.result.plan) if self.result else None
+
+    @property
+    def board(self) -> tuple[str, str, str]:
+        """(dataset, its checksum, protocol): only runs that share all three may share a table."""
+        return self.spec.dataset, self.spec.dataset_checksum, self.spec.protocol
+
+    @property
+    def variant(self) -> tuple[str, ...]:
+        """The settings that runs must share to count as runs of one configuration with different seeds, or on different
+        datasets, whatever a plan left out there."""
+        spec = self.spec
+        # The overrides alone don't tell: --force-all changes none of them. Options say less, as plans change them too.
+        chosen = canonical_json([spec.overrides, spec.content]), self.choices or canonical_json(spec.options)
+        return spec.method, spec.preset, *chosen, spec.budget, spec.device, spec.code
+
+
+@dataclass(frozen=True)
+class Collection:
+    """The runs found below a folder. entries: sorted. unreadable: one line for each result that can't be read. running:
+    folders of runs that are in progress and have no result yet. doubles: copies of a run that is in entries already."""
+
+    entries: tuple[Entry, ...]
+    unreadable: tuple[str, ...]
+    running: tuple[Path, ...]
+    doubles: tuple[Path, ...]
+
+
+def collect(*folders: Path) -> Collection:
+    """All runs below the folders. Results that several machines made in separate folders are merged by key.
+
+    Of several results with one key only the best counts (`_rank`). Raises InputError without any result.
+    """
+    results: dict[str, tuple[Path, Result]] = {}
+    unreadable: list[str] = []
+    doubles: list[Path] = []
+    for folder in folders:
+        if not folder.is_dir():
+            raise InputError(folder, "no such folder", "a folder of results, as `dofbench run` writes it")
+        for file in files_below(folder, RESULT_FILE):
+            try:
+                found = file.parent, read_result(file)
+            except InputError as error:
+                unreadable.append(str(error))
+                continue
+            first = results.setdefault(found[1].key, found)
+            if first is not found:  # a copy would look like a second seed with exactly the same scores
+                better, other = (found, first) if _rank(found[1]) > _rank(first[1]) else (first, found)
+                results[better[1].key] = better
+                doubles.append(other[0])
+    entries: list[Entry] = []
+    for folder, result in results.values():
+        try:
+            entries.append(entry_of(folder, result))
+        except InputError as error:  # the added scores can't be read, but the result itself can
+            unreadable.append(str(error))
+            entries.append(_entry(folder, result, None))
+    running: list[Path] = []
+    for folder in dict.fromkeys(below for root in folders for below in leased_folders(root)):
+        if at_work(folder):
+            running.append(folder)
+        elif not (folder / RESULT_FILE).is_file():
+            try:
+                dead = dead_entry(folder)
+            except InputError as error:
+                unreadable.append(str(error))
+                continue
+            # If another machine has finished this run since, or died in it too, it counts only once.
+            if dead is not None and dead.spec.key not in {entry.spec.key for entry in entries}:
+                entries.append(dead)
+    if not entries and not unreadable:
+        where = ", ".join(map(str, folders))
+        raise InputError(where, f"no {RESULT_FILE} in it or below", "results of `dofbench run`")
+    entries = _settled(entries)
+    entries.sort(key=lambda entry: (*entry.board, *entry.variant, entry.spec.seed, entry.spec.key))
+    return Collection(tuple(entries), tuple(unreadable), tuple(running), tuple(doubles))
+
+
+def _settled(entries: Sequence[Entry]) -> list[Entry]:
+    """The entries, those of runs that died with the choices of a run that differs from them in its seed alone."""
+    known = {_but_for_seed(entry): entry.choices for entry in entries if entry.choices is not None}
+    return [
+        entry if entry.result is not None else replace(entry, choices=known.get(_but_for_seed(entry)))
+        for entry in entries
+    ]
+
+
+def _but_for_seed(entry: Entry) -> str:
+    return canonical_json(entry.spec.model_dump(exclude={"seed"}))
+
+
+def _rank(result: Result) -> tuple[bool, bool]:
+    """Higher is better: successful runs, then runs that would fail in the same way again, then interrupted ones."""
+    return result.status is Status.OK, result.finished
+
+
+def entry_of(folder: Path, result: Result) -> Entry:
+    """The run that wrote this result into `folder`. Raises InputError when its added scores can't be read."""
+    return _entry(folder, result, read_added(folder))
+
+
+def _entry(folder: Path, result: Result, added: Added | None) -> Entry:
+    return Entry(folder, result.spec, result.scene, result.status, result.message, result, added, result.choices)
+
+
+def dead_entry(folder: Path) -> Entry | None:
+    """The run that died in `folder` before it could write a result; None if no run has begun there.
+
+    Raises InputError for a damaged lease.
+    """
+    left = read_lease(folder)
+    if left is None:
+        return None
+    spec, scene, started = left
+    message = f"started {started}, and the process died without a message (killed, or out of memory)"
+    return Entry(folder, spec, scene, Status.CRASHED, message, None)
+
+
+def added_columns(entries: Sequence[Entry]) -> tuple[str, ...]:
+    """Columns that runs don't measure themselves and that `dofbench score` added to at least one of these."""
+    found = dict.fromkeys(column for entry in entries if entry.added for column in entry.added.scores)
+    return tuple(column for column in COLUMNS if column in found and column not in SCORES)
+
+
+def grouped(entries: tuple[Entry, ...] | list[Entry], attribute: str) -> dict[tuple[str, ...], list[Entry]]:
+    """Entries by their `board` or `variant`, in their order."""
+    groups: dict[tuple[str, ...], list[Entry]] = {}
+    for entry in entries:
+        groups.setdefault(getattr(entry, attribute), []).append(entry)
+    return groups
+
+
+def board_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], str]:
+    """A name for each board's dataset: the dataset's name, with the checksum if two datasets have the same name."""
+    boards = list(grouped(entries, "board"))
+    checksums: dict[str, set[str]] = {}
+    for dataset, checksum, _ in boards:
+        checksums.setdefault(dataset, set()).add(checksum)
+    return {board: board[0] if len(checksums[board[0]]) == 1 else f"{board[0]}@{board[1][:8]}" for board in boards}
+
+
+def variant_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], tuple[str, str]]:
+    """(method, preset) to show for each variant. If two variants would look alike, their left-out stages, budget,
+    device or code is added to the preset."""
+    members = grouped(entries, "variant")
+    names = {variant: (found[0].spec.method, found[0].preset) for variant, found in members.items()}
+    details_of: tuple[Callable[[Sequence[Sequence[Entry]]], list[str]], ...] = (
+        _left_out_stages,
+        lambda those: [found[0].spec.budget for found in those],
+        lambda those: [found[0].spec.device for found in those],
+        lambda those: [f"code {found[0].spec.code[-64:][:8]}" for found in those],
+    )
+    for detail in details_of:
+        alike: dict[tuple[str, str], list[tuple[str, ...]]] = {}
+        for variant, name in names.items():
+            alike.setdefault(name, []).append(variant)
+        for (method, preset), variants in alike.items():
+            details = dict(zip(variants, detail([members[variant] for variant in variants]), strict=True))
+            if len(set(details.values())) > 1:
+                names |= {variant: (method, f"{preset}, {details[variant]}") for variant in variants}
+    return names
+
+
+def _left_out_stages(variants: Sequence[Sequence[Entry]]) -> list[str]:
+    """What the plan of each left out on a dataset that all were run on, but for stages that the plans of all left out;
+    nothing to tell them apart by where there is no such dataset."""
+    shared = set.intersection(*({entry.board for entry in found} for found in variants))
+    if not shared:
+        return [""] * len(variants)
+    board = min(shared)
+    entries = [next(entry for entry in found if entry.board == board) for found in variants]
+    plans = [entry.result.plan["stages"] if entry.result else [] for entry in entries]
+    absent = [[stage["name"] for stage in plan if not stage["runs"]] for plan in plans]
+    planned = [set(names) for plan, names in zip(plans, absent, strict=True) if plan]
+    common = set.intersection(*planned) if planned else set()
+    nothing = "nothing else left out" if common else "nothing left out"
+    return [", ".join(f"{name} left out" for name in names if name not in common) or nothing for names in absent]

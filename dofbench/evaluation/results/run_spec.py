@@ -1,0 +1,130 @@
+"""The options of runs, declared once for a single run, a matrix of runs and ablation tables."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import tomllib
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from dofbench.core.budget import Budget
+from dofbench.core.errors import InputError
+from dofbench.datasets.format.inputs import Inputs
+
+
+@dataclass(frozen=True, kw_only=True)
+class CallOptions:
+    """Options of every command that makes runs."""
+
+    set: tuple[str, ...] = ()
+    """Options that replace the preset's, as key=value with a TOML value: --set sh_degree=1 lens_lr=1e-3."""
+    device: str = "auto"
+    """cpu, cuda, or auto: cuda if the machine has such a device and the method runs on it, else cpu."""
+    dry_run: bool = False
+    """Only print what would be done and left out, which runs are finished, and an estimate of the time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeveralOptions:
+    """Options of commands that make several runs."""
+
+    jobs: int = 1
+    """Runs at the same time, each in a process of its own with its share of the threads."""
+
+    def __post_init__(self) -> None:
+        if self.jobs < 1:
+            raise InputError("--jobs", str(self.jobs), "at least 1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WhichMethods:
+    """Options that choose the methods."""
+
+    method: str
+    """Ids of methods, comma-separated: folders in methods/ or in a folder that DOFBENCH_METHODS lists."""
+    preset: str | None = None
+    """Presets of the methods' method.toml, comma-separated. Default: the file's default_preset, or its builtin_preset
+    on the built-in dataset, or its gpu_preset on a GPU."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(CallOptions, WhichMethods):
+    """Options that a single run and a matrix of runs have in common; in a single run `method` and `preset` name one
+    each."""
+
+    seed: int = 0
+    """Seed of everything random in the method; with --seeds, the first seed."""
+    inputs: Inputs = "shallow"
+    """Train on the shallow photographs, or on the sharp originals, which are scored under a protocol of their own."""
+    force_all: bool = False
+    """Also carry out the stages that the plan would leave out because the dataset doesn't need them."""
+    rerun: bool = False
+    """Run again even if a finished result of the same key exists."""
+    out: Path = Path("results")
+    """Folder of results; a run writes to OUT/DATASET/METHOD-PRESET-seedN-KEY/, alone or in a matrix."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run(RunOptions):
+    """One run. (The command's options, which may name many runs, are in `dofbench.running.run_options`.)
+
+    data: the dataset's folder, None for the built-in dataset. budget: None for the preset's.
+    """
+
+    data: Path | None = None
+    budget: Budget | None = None
+
+    def command(self) -> str:
+        """The command line of this run, with the options that differ from their defaults; paths as the user gave
+        them."""
+        return command_line("run", self, without=("rerun", "dry_run"))
+
+
+def command_line(command: str, options: Any, *, without: Collection[str] = ()) -> str:
+    """The command line of `dofbench` for `options`, a dataclass; defaults and the fields in `without` are left out."""
+    words = ["dofbench", command]
+    for field in fields(options):
+        value = getattr(options, field.name)
+        if value == field.default or field.name in without:
+            continue
+        words.append("--" + field.name.replace("_", "-"))
+        if isinstance(value, tuple):
+            words.extend(map(str, value))
+        elif value is not True:
+            words.append(str(value))
+    return shlex.join(words)
+
+
+def option_words(options: Mapping[str, Any]) -> list[str]:
+    """Each option as "key=value", the form of `--set` and of tables."""
+    return [f"{key}={value if isinstance(value, str) else json.dumps(value)}" for key, value in options.items()]
+
+
+def parse_overrides(pairs: tuple[str, ...]) -> dict[str, Any]:
+    """Read key=value pairs. A value that isn't TOML (a bare word) is a string.
+
+    Numbers are parsed instead of kept as text, so that 1e-3 and 0.001 are the same run.
+    Raises InputError for a pair without "=", an empty key, or a key given twice.
+    """
+    overrides: dict[str, Any] = {}
+    for pair in pairs:
+        key, equals, text = pair.partition("=")
+        key = key.strip()
+        if not equals or not key:
+            raise InputError("--set", repr(pair), "key=value")
+        if key in overrides:
+            raise InputError("--set", f"{key} twice", "each option once")
+        overrides[key] = _value(text.strip())
+    return overrides
+
+
+def _value(text: str) -> Any:
+    try:
+        document = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        return text
+    # "1\nother = 2" would be valid TOML too, but isn't a single value.
+    return document["value"] if len(document) == 1 else text

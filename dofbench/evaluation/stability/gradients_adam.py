@@ -1,0 +1,84 @@
+"""What an optimiser makes of gradients of any size, NaN among them: steps of Adam by their closed form."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dofbench.evaluation.stability.case import KERNELS, Case, Found, Setting, differing, off, values
+from dofbench.evaluation.stability.comparisons import EXACT
+from dofbench.evaluation.stability.oracle import ROUNDINGS
+from dofbench.evaluation.stability.subject import Subject
+
+_RATE, _EPSILON = 0.01, 1e-15
+_SIGNS = np.array([1.0, -1.0, 0.0, 1.0, -1.0])
+
+
+def _stepped(
+    setting: Setting, gradient: np.ndarray, steps: int, unless: float | None = None, finite: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """(values that began at 0, the running mean of the gradient) after so many steps along one gradient."""
+    moved, first, second = (setting.tensor(np.zeros_like(gradient)) for _ in range(3))
+    slope = setting.tensor(gradient)
+    watched = None if unless is None else setting.tensor(unless).reshape(())
+    for step in range(1, steps + 1):
+        setting.kernel("adam")(
+            [moved], [slope], [first], [second],
+            steps=[step], rates=[_RATE], epsilon=_EPSILON, finite=finite, unless=watched,
+        )  # fmt: skip
+    return values(moved), values(first)
+
+
+def _same_gradient(setting: Setting, size: float, steps: int) -> Found:
+    """Corrected for their start, the means of an unchanging gradient are the gradient and its square."""
+    moved, _ = _stepped(setting, size * _SIGNS, steps)
+    expected = -_RATE * steps * _SIGNS * size / (size + _EPSILON)
+    return Found(off(moved, expected), (ROUNDINGS + 2 * steps) * setting.eps)
+
+
+def _bad_number(setting: Setting, bad: float) -> Found:
+    gradient = _SIGNS.copy()
+    gradient[3] = bad
+    moved, _ = _stepped(setting, gradient, 1)
+    return Found(float(differing(np.isnan(moved), np.arange(5) == 3)), 0.0)
+
+
+def _left_out(setting: Setting, bad: float) -> Found:
+    gradient = _SIGNS.copy()
+    gradient[3] = bad
+    moved, _ = _stepped(setting, gradient, 2, finite=True)
+    gradient[3] = 0.0
+    expected, _ = _stepped(setting, gradient, 2)
+    return Found(float(differing(moved, expected)), 0.0)
+
+
+def _held(setting: Setting) -> Found:
+    gradient = _SIGNS.copy()
+    gradient[3] = math.nan
+    moved, first = _stepped(setting, gradient, 2, unless=1.0)
+    return Found(float(np.abs(np.stack([moved, first])).sum() != 0.0), 0.0)
+
+
+def adam() -> tuple[Case, ...]:
+    """The cases, for the group of gradients."""
+    subject = Subject("gradients", "adam", KERNELS)
+    return (
+        *subject.each(
+            "adam-{size:g}-{steps}",
+            "{steps} steps along a gradient of {size:g} have the rate's size, or less where it is below epsilon",
+            "16 roundings, and two for each step",
+            _same_gradient,
+            size=(1e-30, 1e-8, 1.0, 1e15),
+            steps=(1, 200),
+        ),
+        subject.case("adam-nan", "a gradient of NaN is seen in its own number alone", EXACT, _bad_number, bad=math.nan),
+        *subject.each(
+            "adam-left-out-{bad:g}",
+            "a gradient of {bad:g} counts as 0 where gradients are to be finite",
+            EXACT,
+            _left_out,
+            bad=(math.nan, math.inf, -math.inf),
+        ),
+        subject.case("adam-held", "nothing changes where the scalar is 1, whatever the gradient", EXACT, _held),
+    )

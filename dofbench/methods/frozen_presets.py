@@ -1,0 +1,160 @@
+"""Presets that were frozen: what may be run on report scenes, and whether a result was made by it.
+
+A preset is frozen by its content, not by its name: the file `frozen.toml` beside the method's card holds a digest of
+all that the preset chooses, and the commit at which it was frozen, for the reader. Every result has the digest of what
+its run chose, so that a result by another preset or by changed options or defaults is told from one by the frozen
+preset, and one that differs from it in nothing but its budget from both.
+"""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from dofbench.core.budget import Budget, parse_budget
+from dofbench.core.contracts import ListsOptions
+from dofbench.core.errors import InputError
+from dofbench.core.files import canonical_json, sha256_text, write_text
+from dofbench.core.readable import read_toml
+from dofbench.methods.cards import MethodEntry, find_method, method_files, preset_budget
+
+FROZEN_FILE = "frozen.toml"
+_HEADER = """\
+# Frozen presets: what may be run on report scenes. `dofbench methods {id} --freeze PRESET` writes an entry:
+# the commit at which the preset was frozen, and a digest of all that it chooses
+# (dofbench/methods/frozen_presets.py).
+"""
+_NOTHING = "# No preset is frozen yet.\n"
+
+# frozen: made by a frozen preset. other budget: by a frozen preset, but the call gave the budget. changed: by something
+# else, although a preset of that name is frozen. not frozen: no preset of that name is.
+State = Literal["frozen", "other budget", "changed", "not frozen"]
+
+
+# Options added after presets had been frozen, each with its neutral value: with it a run is what it was before
+# there was the option, so it isn't part of what was chosen.
+_NEUTRAL = {"lens_focus_from": "option"}
+
+
+class FrozenPreset(BaseModel):
+    """commit: at which the preset was frozen. digest: `choices_digest` of it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    commit: str = Field(pattern=r"^[0-9a-f]{40}$")
+    digest: str = Field(pattern=r"^[0-9a-f]{64}$")
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    presets: dict[str, FrozenPreset] = {}
+
+
+def choices_digest(entry: MethodEntry, options: dict[str, Any], budget: Budget, force_all: bool) -> str:
+    """sha256 of all that decides a run but dataset, seed, device and code.
+
+    options: the preset's with the call's changes; the method's defaults are added, where its class lists them, but for
+    neutral values of newer options (`_NEUTRAL`). The stages of its card are part of it, since they say which options a
+    plan changes.
+    """
+    kind = entry.method_class()
+    known = kind.available_options() if isinstance(kind, ListsOptions) else ()
+    every = {**{option.name: option.default for option in known}, **options}
+    chosen = {
+        "options": {name: value for name, value in every.items() if (name, value) not in _NEUTRAL.items()},
+        "budget": str(budget),
+        "force_all": force_all,
+        "stages": {name: stage.model_dump() for name, stage in sorted(entry.card.stages.items())},
+        "trials": entry.card.trials,
+    }
+    return sha256_text(canonical_json(chosen))
+
+
+def preset_digest(entry: MethodEntry, preset: str) -> str:
+    """`choices_digest` of a preset as the method's card has it. Raises InputError for an unknown preset."""
+    name, options, budget = entry.preset(preset)
+    return choices_digest(entry, options, preset_budget(entry, name, options, budget), force_all=False)
+
+
+def frozen_presets(folder: Path) -> dict[str, FrozenPreset]:
+    """Preset -> how it was frozen, of the method in `folder`; empty without a file. Raises InputError, one line, for a
+    damaged file."""
+    file = folder / FROZEN_FILE
+    if not file.is_file():
+        return {}
+    try:
+        return _File.model_validate(read_toml(file, "a TOML file")).presets
+    except ValidationError as error:
+        found = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        raise InputError(file, found, "[presets.NAME] with commit and digest") from None
+
+
+def state_of(method: str, preset: str, choices: str | None, budget: str) -> State:
+    """Whether a result was made by a frozen preset. choices: the result's digest, None where it has none. budget: the
+    run's, as text.
+
+    That only the budget differs shows where the preset as it is now is what was frozen, and gives the result's digest
+    with the result's budget. Raises InputError for a damaged card or file.
+    """
+    files = method_files()
+    found = frozen_presets(files[method].parent).get(preset) if method in files else None
+    if found is None:
+        return "not frozen"
+    if found.digest == choices:
+        return "frozen"
+    entry = find_method(method)
+    if preset not in entry.card.presets or preset_digest(entry, preset) != found.digest:
+        return "changed"
+    _, options, _ = entry.preset(preset)
+    same = choices == choices_digest(entry, options, parse_budget(budget), force_all=False)
+    return "other budget" if same else "changed"
+
+
+def freeze(method: str, preset: str) -> FrozenPreset:
+    """Write the preset into the method's frozen.toml, with the present commit; returns the entry.
+
+    A preset that is frozen as it is stays so. Raises InputError for an unknown method or preset, outside a checkout,
+    with uncommitted changes, and for a preset that is frozen with other content: a changed preset takes a new name.
+    """
+    entry = find_method(method)
+    digest = preset_digest(entry, preset)
+    presets = frozen_presets(entry.folder)
+    subject = f"preset {preset} of {entry.id}"
+    if (before := presets.get(preset)) is not None:
+        if before.digest != digest:
+            raise InputError(subject, f"other options than at {before.commit[:12]}, when it was frozen", "another name")
+        return before
+    made = FrozenPreset(commit=_commit(entry.folder, subject), digest=digest)
+    write_text(entry.folder / FROZEN_FILE, frozen_text(entry.id, presets | {preset: made}))
+    return made
+
+
+def _commit(folder: Path, subject: str) -> str:
+    """The commit of the checkout that a method's card belongs to; nothing in it but frozen presets may have changed."""
+    expected = "a commit that says what is frozen"
+
+    def git(*words: str) -> str:
+        done = subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+
+    try:
+        git("ls-files", "--error-unmatch", "method.toml")  # not a checkout that only happens to lie around the folder
+        changed = git("status", "--porcelain", "--", ":/", f":(top,exclude,glob)**/{FROZEN_FILE}")
+        commit = git("rev-parse", "HEAD")
+    except (OSError, subprocess.CalledProcessError):
+        raise InputError(subject, "no commit, as its method.toml is in no checkout", expected) from None
+    if changed:
+        raise InputError(subject, f"uncommitted changes ({changed.splitlines()[0].split()[-1]})", expected)
+    return commit
+
+
+def frozen_text(method: str, presets: dict[str, FrozenPreset]) -> str:
+    """The content of a frozen.toml."""
+    parts = [
+        f'[presets.{name}]\ncommit = "{one.commit}"\ndigest = "{one.digest}"\n' for name, one in sorted(presets.items())
+    ]
+    return "\n".join([_HEADER.format(id=method), *parts]) if parts else _HEADER.format(id=method) + _NOTHING

@@ -1,0 +1,1 @@
+"""Which stages of a method a training set needs."""

@@ -1,0 +1,184 @@
+"""A rendered scene's folder: the paths of its files, its record scene.json, and resuming an unfinished scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dofbench import __version__
+from dofbench.core.errors import InputError
+from dofbench.core.files import read_json, refuse_links_outside, sha256_file, write_json, write_text
+from dofbench.core.images import write_exr, write_png
+from dofbench.core.lens import GAMMA
+from dofbench.core.names import inside
+from dofbench.optics.tone import encode
+from dofbench.scenes.procedural.scene_options import MakeScene
+from dofbench.scenes.procedural.tracer import Photograph
+
+SCHEMA, VERSION = "dofbench-scene", 1
+RECORD, SUMS, README, TRANSFORMS, SPARSE = "scene.json", "SHA256SUMS", "README.md", "transforms.json", "sparse/0"
+LICENCE = "CC0-1.0"
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """scene.json of a folder that make-scene wrote. Raises InputError for anything else."""
+    path = folder / RECORD
+    record = read_json(path)
+    if not isinstance(record, dict) or record.get("schema") != SCHEMA:
+        raise InputError(path, "another kind of JSON", f'a record with "schema": "{SCHEMA}", as make-scene writes it')
+    if record.get("version") != VERSION:
+        raise InputError(path, f"schema version {record.get('version')}", f"version {VERSION}")
+    for entry in (*record.get("images", ()), *record.get("lens_images", ())):
+        inside(entry["view"], path)
+    for entry in record.get("lens_images", ()):
+        inside(entry["image"], path)
+    return record
+
+
+class SceneFolder:
+    """The folder of one scene. `record` is scene.json; it is written after every image, so a kill costs one image."""
+
+    def __init__(self, root: Path, recipe: str, title: str, settings: MakeScene, variant: str):
+        """Open the folder, which is new or was begun with the same settings. Raises InputError for any other
+        content."""
+        self.root = root
+        self._half = settings.linear == "exr-half"
+        self._bits = settings.depth_bits
+        made = {
+            "dofbench": __version__,
+            "recipe": recipe,
+            "seed": settings.seed,
+            "path": settings.path,
+            "views": settings.views,
+            "width": settings.width,
+            "height": settings.height,
+            "samples": settings.samples,
+            "linear": settings.linear,
+            "depth_bits": settings.depth_bits,
+            "variant": variant,
+        }
+        if root.is_dir():
+            refuse_links_outside(root)
+        if (root / RECORD).is_file():
+            self.record = read_record(root)
+            if self.record.get("made") != made:
+                expected = "the same one (recipe, settings, variant), or another --out"
+                raise InputError(root, "a scene made otherwise", expected)
+            return
+        if root.is_dir() and any(not path.name.startswith(".") for path in root.iterdir()):
+            raise InputError(root, "files that are no rendered scene", "an empty or a new folder")
+        self.record = {
+            "schema": SCHEMA,
+            "version": VERSION,
+            "name": recipe,
+            "title": title,
+            "recipe": recipe,
+            "seed": settings.seed,
+            "path": settings.path,
+            "licence": LICENCE,
+            "origin": "synthetic; textures, geometry and path are procedural, made by dofbench make-scene",
+            "citation": f"dofbench {__version__}, scene {recipe}, seed {settings.seed}",
+            "made": made,
+            "render": {
+                "mitsuba": version("mitsuba"),
+                "variant": variant,
+                "light": "direct",
+                "sampler": "multijitter",
+                "filter": "box",
+                "samples": settings.samples,
+                "gamma": GAMMA,
+            },
+            "images": [],
+            "lens_images": [],
+        }
+
+    def save(self) -> None:
+        """Write scene.json."""
+        write_json(self.root / RECORD, self.record)
+
+    def depth_path(self, view: str) -> Path:
+        """Path of the depth map: z at the pixels' centres, scene units, 0 where there is no surface."""
+        return self.root / "depth" / f"{view}.exr"
+
+    def has_image(self, view: str) -> bool:
+        """Whether the view's pinhole image exists."""
+        files = (self.root / "images" / f"{view}.png", self.root / "images_linear" / f"{view}.exr")
+        return any(entry["view"] == view for entry in self.record["images"]) and all(path.is_file() for path in files)
+
+    def has_lens_image(self, view: str, aperture: float, focus: float, samples: int) -> bool:
+        """Whether the photograph through that lens, with so many samples, exists."""
+        return any(
+            (entry["view"], entry["aperture"], entry["focus"], entry["samples"]) == (view, aperture, focus, samples)
+            and (self.root / entry["image"]).is_file()
+            for entry in self.record["lens_images"]
+        )
+
+    def keep_depth(self, view: str, depth: np.ndarray) -> None:
+        """Write a depth map, with its floats' fractions rounded to as many bits as the settings say."""
+        dropped = 23 - self._bits
+        if dropped:
+            bits = np.ascontiguousarray(depth, np.float32).view(np.uint32)
+            # Rounded to nearest: half of the last kept bit is added before the lower bits are cut off.
+            depth = ((bits + (1 << (dropped - 1))) >> dropped << dropped).view(np.float32)
+        write_exr(self.depth_path(view), depth)
+
+    def keep_image(self, view: str, shot: Photograph) -> None:
+        """Write a pinhole image, linear and encoded, and its noise into the record."""
+        write_exr(self.root / "images_linear" / f"{view}.exr", shot.linear, half=self._half)
+        encoded = encode(np.clip(shot.linear, 0, 1))
+        write_png(self.root / "images" / f"{view}.png", encoded)
+        entry = {
+            "view": view,
+            **shot.noise,
+            "brightest": float(f"{shot.linear.max():.4g}"),
+            "clipped_fraction": round(float((shot.linear > 1).any(axis=2).mean()), 6),
+        }
+        self._put("images", entry, ("view",))
+        self.record["render"] |= {
+            "samples": shot.samples,
+            "noise_rms_linear": max(e["noise_rms_linear"] for e in self.record["images"]),
+        }
+        self.save()
+
+    def keep_lens_image(
+        self, view: str, aperture: float, focus: float, scene_units: tuple[float, float], asked: int, shot: Photograph
+    ) -> None:
+        """Write a photograph through a lens. scene_units: (aperture in px * unit, focus in unit); asked: samples."""
+        name = f"lens/{view}_a{aperture:g}_f{focus:g}.exr"
+        write_exr(self.root / name, shot.linear, half=self._half)
+        self._put(
+            "lens_images",
+            {
+                "view": view,
+                "image": name,
+                "aperture": aperture,
+                "focus": focus,
+                "aperture_scene": scene_units[0],
+                "focus_scene": scene_units[1],
+                "samples": asked,
+                **shot.noise,
+            },
+            ("image",),
+        )
+        self.save()
+
+    def seal(self, readme: str) -> None:
+        """Write README.md and SHA256SUMS: the scene is complete."""
+        write_text(self.root / README, readme)
+        files = [self.root / name for name in (RECORD, TRANSFORMS)]
+        for part in ("depth", "images", "images_linear", "lens", "sparse"):
+            files += sorted(path for path in (self.root / part).rglob("*") if path.is_file() and path.name[0] != ".")
+        lines = [f"{sha256_file(path)}  {path.relative_to(self.root).as_posix()}\n" for path in files]
+        write_text(self.root / SUMS, "".join(lines))
+
+    def unseal(self) -> None:
+        """Remove SHA256SUMS before files are added: the scene isn't complete any more."""
+        (self.root / SUMS).unlink(missing_ok=True)
+
+    def _put(self, part: str, entry: dict[str, Any], key: Sequence[str]) -> None:
+        others = [other for other in self.record[part] if any(other[name] != entry[name] for name in key)]
+        self.record[part] = sorted([*others, entry], key=lambda other: [other[name] for name in key])

@@ -1,0 +1,1 @@
+"""One module for each scene layout, and what readers share."""

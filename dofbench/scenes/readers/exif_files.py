@@ -1,0 +1,207 @@
+"""What cameras wrote down of a scene's photographs: from exif.json, from exif.csv, from the image files themselves."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from dofbench.core.errors import InputError, first_line
+from dofbench.core.image_files.camera_files import camera_tags, is_camera_file
+from dofbench.core.image_files.exif import EXIF_FILE, LEAST, MOST, Exif, read_exif
+from dofbench.core.readable import read_text
+from dofbench.scenes.readers.focus_distance import focus_distance
+from dofbench.scenes.readers.folders import listed as listed_names
+from dofbench.scenes.readers.name_match import ImageNames
+
+CSV_FILE = "exif.csv"
+# A column of exif.csv, and what it is here.
+_COLUMNS = {
+    "f_number": "f_number",
+    "focal_length_mm": "focal_length",
+    "focal_length_35mm": "focal_length_35mm",
+    "focus_distance_m": "focus_distance",
+    "exposure_s": "exposure",
+    "iso": "iso",
+    "time": "time",
+    "camera": "camera",
+    "lens": "lens",
+}
+# OpenImageIO's names of EXIF's tags; of several, the first that is there.
+_TAGS = {
+    "f_number": ("FNumber", "Exif:FNumber"),
+    "focal_length": ("Exif:FocalLength",),
+    "focal_length_35mm": ("Exif:FocalLengthIn35mmFilm",),
+    "exposure": ("ExposureTime", "Exif:ExposureTime"),
+    "iso": ("Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings"),
+    # Not DateTime, which is when the file was last changed.
+    "time": ("Exif:DateTimeOriginal", "Exif:DateTimeDigitized"),
+    "lens": ("Exif:LensModel",),
+}
+_TEXTS = ("time", "camera", "lens")
+
+
+def exif_by_file(root: Path, files: Mapping[str, Path]) -> dict[str, Exif]:
+    """What is known of each view's photograph, by view; views of which nothing is known are left out.
+
+    files: the photograph's file, by view. Taken is what `root/exif.json` says of the view; else the line of its file in
+    the nearest exif.csv, in the file's folder or one above it, up to the root; else what stands in the file. A line
+    belongs to a file by the rule of `name_match`: its path from the table's folder, or the end of it where one file
+    alone of all ends so. Raises InputError for a damaged exif.json or exif.csv, a line that may be of several files,
+    and lines that differ about one; an image that can't be read says nothing here.
+    """
+    written = read_exif(root)
+    tables: dict[Path, list[str]] = {}
+    for view, file in files.items():
+        table = _table_above(file.parent, root)
+        if table is not None and view not in written:
+            tables.setdefault(table, []).append(view)
+    listed: dict[str, Exif] = {}
+    for table, views in tables.items():
+        listed |= _listed(table, {view: files[view] for view in views})
+    found = {}
+    for view, file in files.items():
+        record = written[view] if view in written else listed[view] if view in listed else exif_of_image(file)
+        if record != Exif():
+            found[view] = record
+    return found
+
+
+def exif_of_image(file: Path) -> Exif:
+    """What stands in an image file's own EXIF. What is missing there or impossible is None; nothing is raised."""
+    tags = camera_tags(file) if is_camera_file(file) else _tags_of_image(file)
+    values = {name: next((tags[tag] for tag in names if tag in tags), None) for name, names in _TAGS.items()}
+    known: dict[str, Any] = {
+        name: _text(value) if name in _TEXTS else _positive(value) for name, value in values.items() if name != "time"
+    }
+    return Exif(
+        **known,
+        focus_distance=focus_distance(file, tags),
+        time=_time(values["time"]),
+        camera=_camera(_text(tags.get("Make")), _text(tags.get("Model"))),
+    )
+
+
+def _tags_of_image(file: Path) -> dict[str, Any]:
+    import OpenImageIO as oiio
+
+    opened = oiio.ImageInput.open(str(file))
+    if opened is None:
+        first_line(oiio.geterror)  # else it is kept, and printed when the program ends
+        return {}
+    tags = {attribute.name: attribute.value for attribute in opened.spec().extra_attribs}
+    opened.close()
+    return tags
+
+
+def read_exif_csv(file: Path) -> dict[str, Exif]:
+    """The photographs of an exif.csv by path or file name, which stands in the column `name`.
+
+    Other columns: f_number, focal_length_mm, focal_length_35mm, focus_distance_m (inf for infinity), exposure_s, iso,
+    time, camera, lens; each may be absent, or empty in a line. Further columns are passed over. Raises InputError,
+    which names the line, for a value that can't be.
+    """
+    reader = csv.DictReader(io.StringIO(read_text(file, "comma-separated text"), newline=""))
+    try:
+        names, lines = reader.fieldnames or [], list(reader)
+    except csv.Error as error:
+        raise InputError(file, f"no readable table ({error})", "comma-separated text") from None
+    if "name" not in names:
+        raise InputError(file, f"columns {', '.join(names) or 'none'}", f"name, and some of {', '.join(_COLUMNS)}")
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise InputError(file, f"several columns {', '.join(twice)}", "each column once")
+    records: dict[str, Exif] = {}
+    for number, line in enumerate(lines, start=2):
+        if not line["name"]:
+            raise InputError(file, f"no name in line {number}", "one line a photograph")
+        if line["name"] in records:
+            raise InputError(file, f"{line['name']} a second time in line {number}", "one line a photograph")
+        values = {ours: (line.get(column) or "").strip() for column, ours in _COLUMNS.items()}
+        known = {
+            name: value if name in _TEXTS else _number(file, number, name, value)
+            for name, value in values.items()
+            if value
+        }
+        if "time" in known:
+            known["time"] = _time(known["time"])
+        try:
+            records[line["name"]] = Exif.of_data({name: value for name, value in known.items() if value is not None})
+        except ValueError as error:
+            raise InputError(file, f"line {number}: {error}", "a photograph's EXIF") from None
+    return records
+
+
+def _table_above(folder: Path, root: Path) -> Path | None:
+    """The nearest exif.csv from the folder up to the root; None without one."""
+    places = [folder]
+    while places[-1] != root and root in places[-1].parents:
+        places.append(places[-1].parent)
+    return next((place / CSV_FILE for place in places if (place / CSV_FILE).is_file()), None)
+
+
+def _listed(table: Path, files: Mapping[str, Path]) -> dict[str, Exif]:
+    """What the lines of a table say of files below its folder, by view; lines of other photographs are passed over."""
+    views, paths = list(files), [file.relative_to(table.parent).as_posix() for file in files.values()]
+    shared = len(os.path.commonpath([PurePosixPath(path).parent for path in paths]))
+    index = ImageNames([(path, _in_folder(path), path[shared:].lstrip("/")) for path in paths], partial=True)
+    lines: dict[str, tuple[int, str]] = {}
+    records = read_exif_csv(table)
+    for name, record in records.items():
+        match = index.find(name)
+        if len(match.images) > 1:
+            several = listed_names(paths[image] for image in match.images)
+            raise InputError(table, f"{name}, which may be {several}", "whole paths where file names are equal")
+        for image in match.images:
+            step, other = lines.get(views[image], (match.step + 1, name))
+            if step == match.step and records[other] != record:
+                raise InputError(table, f"{other} and {name} for {paths[image]}", "one line a photograph")
+            if match.step < step:
+                lines[views[image]] = match.step, name
+    return {view: records[name] for view, (_, name) in lines.items()}
+
+
+def _in_folder(path: str) -> str:
+    """As the path would be in the folder of full size: images/a.png for images_8/a.png."""
+    folder, _, below = path.partition("/")
+    return f"{re.sub(r'_[0-9]+$', '', folder)}/{below}" if below else path
+
+
+def _number(file: Path, line: int, name: str, value: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        raise InputError(file, f"line {line}: {name} {value!r}", "a number, or nothing") from None
+
+
+def _positive(value: object) -> float | None:
+    # Seven digits: OpenImageIO holds them as float32, and 2.799999952316284 is no camera's f-number.
+    if isinstance(value, int | float) and LEAST <= value <= MOST:
+        return float(f"{value:.7g}")
+    return None
+
+
+def _text(value: object) -> str | None:
+    text = value.replace("\0", " ").strip() if isinstance(value, str) else ""
+    return text or None
+
+
+def _time(value: object) -> str | None:
+    """ "2021:03:04 10:48:15", as EXIF writes it, to "2021-03-04 10:48:15"."""
+    text = _text(value)
+    if text is None or len(text) < 19 or not text[:4].isdigit():
+        return None
+    return None if text.startswith("0000") else f"{text[:10].replace(':', '-')} {text[11:19]}"
+
+
+def _camera(make: str | None, model: str | None) -> str | None:
+    """The maker's name and the model's, once where the model begins with it."""
+    if model is None or make is None:
+        return model or make
+    return model if model.lower().startswith(make.split()[0].lower()) else f"{make} {model}"
+
+
+__all__ = ["CSV_FILE", "EXIF_FILE", "exif_by_file", "exif_of_image", "read_exif_csv"]

@@ -1,0 +1,1 @@
+"""What methods share to train: Gaussians, fields and what both use."""

@@ -1,0 +1,185 @@
+"""Depth priors of a scene, made from data that a method may see (DoF-Gaussian, section 4.2).
+
+`make_prior` gives the depth for Eq. 9: the sparse points, our stereo (`stereo.py`), a depth network as it is
+(`network.py`) or tuned to the scene (`tuning.py`), or a dense workspace of COLMAP's (`colmap.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, Protocol
+
+import numpy as np
+import torch
+
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud, TrainingSet
+from dofbench.core.errors import InputError
+from dofbench.training.common.content_options import CONTENT
+from dofbench.training.common.priors.prior_progress import Progress, silent
+from dofbench.training.common.supervision import DepthMap, DepthSamples, sparse_depth
+
+
+@dataclass(frozen=True)
+class PriorOptions:
+    """Which depth supervises the training, and how it is made before training."""
+
+    depth_prior: Literal["sparse", "stereo", "network", "tuned", "colmap"] = "sparse"
+    """The depth that supervises: sparse, the sparse points; stereo, our stereo on the photographs, and the points;
+    network, a depth network as it is; tuned, a network tuned to the scene by stereo depth and points; colmap, a dense
+    workspace of COLMAP's. Unit: none. Source: tuned: section 4.2; others: own."""
+    depth_prior_file: str = field(default="", metadata=CONTENT)
+    """File of a depth network of your own, ONNX, or torchscript:FILE for TorchScript that you trust: its code runs;
+    without it the shipped network is used. Unit: none. Source: own."""
+    depth_prior_workspace: str = field(default="", metadata=CONTENT)
+    """COLMAP's dense folder: required by colmap; with tuned it replaces stereo. Unit: none. Source: released code."""
+    depth_prior_coarser: int = 0
+    """How many times stereo is repeated at half the previous size, to fill pixels without depth. Unit: none. Source:
+    own."""
+    depth_prior_steps: int = 150
+    """Steps of tuning the network, at most as many as the training's steps. Unit: steps. Source: released code."""
+    start_points: int = 0
+    """How many points on the prior's surfaces the Gaussians start from, in addition to the sparse points (not possible
+    with sparse). Independent of depth_weight. Unit: points. Source: own."""
+    depth_prior_loss: Literal["squared", "absolute"] = "squared"
+    """Loss of tuning; both forms use the best scale of each view. Unit: none. Source: squared: Eq. 8; absolute:
+    released code."""
+
+    def __post_init__(self) -> None:
+        if self.depth_prior_coarser < 0:
+            raise InputError("option depth_prior_coarser", str(self.depth_prior_coarser), "at least 0")
+
+
+class Prior(Protocol):
+    """Known depth of every training view."""
+
+    def samples(self, index: int, camera: Camera) -> DepthSamples:
+        """The known depth of training view `index`, in the pixels of `camera`, which is the view's at any size."""
+
+
+@dataclass(frozen=True, eq=False)
+class SparsePrior:
+    """The sparse points alone."""
+
+    points: PointCloud
+
+    def samples(self, index: int, camera: Camera) -> DepthSamples:
+        """The depth of the points that the view sees."""
+        return sparse_depth(self.points, camera, index)
+
+
+@dataclass(frozen=True, eq=False)
+class DensePrior:
+    """One depth map per training view."""
+
+    maps: Sequence[DepthMap]
+
+    def samples(self, index: int, camera: Camera) -> DepthSamples:
+        """The known pixels of the view's map, resampled to the camera's size by nearest neighbour."""
+        return self.maps[index].samples(camera)
+
+
+def make_prior(
+    training_set: TrainingSet,
+    options: PriorOptions,
+    *,
+    seed: int,
+    steps: int,
+    device: str = "cpu",
+    progress: Progress = silent,
+) -> Prior:
+    """The prior that the options ask for. steps: those of the training, which tuning a network doesn't exceed. device:
+    where stereo matches the views; networks run on the CPU.
+
+    progress: called for every view and every step of tuning. Raises InputError for a file that is missing or wrong, and
+    FloatingPointError when tuning diverges.
+    """
+    _check_files(options)
+    points = training_set.points
+    if options.depth_prior == "sparse":
+        if points is None:
+            raise InputError("option depth_prior", "sparse for a training set without points", "stereo needs them too")
+        return SparsePrior(points)
+    # Imported where they are used, because networks need heavy modules that stereo doesn't.
+    if options.depth_prior == "colmap":
+        from dofbench.training.common.priors.patch_match import workspace_depth
+
+        return DensePrior(workspace_depth(Path(options.depth_prior_workspace), training_set, progress=progress))
+    from dofbench.training.common.priors.stereo import stereo_depth
+
+    if options.depth_prior == "stereo":
+        maps = stereo_depth(training_set, coarser=options.depth_prior_coarser, device=device, progress=progress)
+        assert points is not None  # `stereo_depth` refuses a training set without points
+        # Sparse points replace stereo depth in their pixels: they were matched at corners in several views and are more
+        # exact.
+        return DensePrior(
+            [
+                found.with_samples(sparse_depth(points, view.camera, index))
+                for index, (found, view) in enumerate(zip(maps, training_set.views, strict=True))
+            ]
+        )
+    from dofbench.training.common.priors.network_prior import open_network, predicted_depth
+
+    network = open_network(options.depth_prior_file, training_set)
+    if options.depth_prior == "network":
+        return DensePrior(predicted_depth(network, training_set, None, progress=progress))
+    from dofbench.training.common.priors.tuning import tune
+
+    if options.depth_prior_workspace:
+        from dofbench.training.common.priors.patch_match import workspace_depth
+
+        known = workspace_depth(Path(options.depth_prior_workspace), training_set, progress=progress)
+    else:
+        known = stereo_depth(training_set, coarser=options.depth_prior_coarser, device=device, progress=progress)
+    tune(
+        network,
+        training_set,
+        known,
+        steps=min(options.depth_prior_steps, steps),
+        loss=options.depth_prior_loss,
+        seed=seed,
+        progress=progress,
+    )
+    return DensePrior(predicted_depth(network, training_set, known, progress=progress))
+
+
+def with_surface_points(training_set: TrainingSet, prior: Prior, count: int, seed: int) -> PointCloud:
+    """The sparse points, and about `count` points on the prior's surfaces: equally many from each view, drawn by
+    weight, in the view's colours.
+
+    Raises InputError for the sparse prior, which has no other points.
+    """
+    points = training_set.points
+    if isinstance(prior, SparsePrior) or points is None:
+        raise InputError("option start_points", f"{count} with depth_prior sparse", "0, or a prior with surfaces")
+    random = np.random.default_rng(seed)
+    xyz, rgb = [points.xyz], [points.rgb]
+    for index, view in enumerate(training_set.views):
+        camera, samples = view.camera, prior.samples(index, view.camera)
+        if view.mask is not None:
+            samples = samples.within(torch.from_numpy(view.mask))
+        depth = samples.depth.numpy().astype(np.float64)
+        weight = np.ones(len(depth)) if samples.weight is None else samples.weight.numpy().astype(np.float64)
+        wanted = min(len(depth), -(-count // len(training_set.views)))
+        chosen = np.zeros(0, np.int64)
+        if wanted:
+            chosen = np.sort(random.choice(len(depth), wanted, replace=False, p=weight / weight.sum()))
+        rows, columns, z = samples.rows.numpy()[chosen], samples.columns.numpy()[chosen], depth[chosen]
+        x, y = camera.rays(columns + 0.5, rows + 0.5)
+        local = np.stack([x * z, y * z, z, np.ones_like(z)], axis=1)
+        xyz.append((local @ camera.camera_to_world.T)[:, :3])
+        rgb.append(view.image[rows, columns])
+    every, colours = np.concatenate(xyz), np.concatenate(rgb).astype(np.float32)
+    return PointCloud(every, colours, np.full(len(every), np.nan, np.float32))
+
+
+def _check_files(options: PriorOptions) -> None:
+    """Raise InputError if a file that the prior needs isn't given, or one is given that the prior doesn't read."""
+    prior = options.depth_prior
+    if prior == "colmap" and not options.depth_prior_workspace:
+        raise InputError("option depth_prior_workspace", "none", "COLMAP's dense folder, as depth_prior is colmap")
+    for name, readers in (("depth_prior_workspace", ("colmap", "tuned")), ("depth_prior_file", ("network", "tuned"))):
+        if getattr(options, name) and prior not in readers:
+            raise InputError(f"option {name}", getattr(options, name), f"none, as depth_prior {prior} doesn't read it")

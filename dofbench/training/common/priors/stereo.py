@@ -1,0 +1,294 @@
+"""Semi-dense depth of the training views by plane-sweep stereo on their own, shallow photographs.
+
+Each view is swept against its best neighbours (`kernels/stereo`): normalised cross-correlation at three scales of the
+image, since sharp and blurred photographs of one surface agree at coarse scales, then semiglobal matching over the
+planes. A depth is kept if its score, its margin over other planes and its agreement with other views are large enough.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import torch
+
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import TrainingSet
+from dofbench.core.errors import InputError
+from dofbench.core.images import resize
+from dofbench.core.masks import shrunk_mask
+from dofbench.runtime.ops import load
+from dofbench.training.common.priors.prior_progress import Progress, silent
+from dofbench.training.common.supervision import DepthMap, sparse_depth
+
+SOURCES, BEST = 4, 2  # number of views that a view is matched with, and how many of the best scores are averaged
+RADIUS = 3  # pixels of the window around its centre, at every scale
+SCALES = (1.0, 0.5, 0.25)  # weight of the scores at 1, 1/2, 1/4 of the size
+SMALLEST = 48  # px, the shorter side of the coarsest scale
+STEP = 0.75  # px, largest displacement of the image from one plane to the next
+PLANES = (16, 192)  # least and most planes
+TOGETHER = 8  # the kernels process planes in groups of this size, so a multiple is used
+# Planes span the points' disparities between these quantiles, extended by the margin at each end
+MARGIN, QUANTILE = 0.1, 0.005
+# Penalties of semiglobal matching, in units of correlation; grey difference that counts as an edge
+SMALL, LARGE, EDGE = 0.05, 0.6, 0.05
+# Degrees between two views' rays: smaller angles are imprecise, at larger ones surfaces look different
+ANGLE = (3.0, 12.0)
+SCORE, DISTINCT = 0.6, 0.05  # least correlation, and least margin over other planes, of a depth that is kept
+OUTLINE, JUMP = 3, 0.03  # px around a surface that is farther by this share of the planes' range
+# Projecting to another view and back: tolerated error in the image, and relative to the depth
+AGREE_PX, AGREE_DEPTH = 1.0, 0.02
+AGREEING = 3  # other views that must agree, but no more than half of all
+CHECKED = 32  # views that a view is checked against
+SWEEP, CHECK = "depth prior: sweep", "depth prior: check"
+
+
+_Level = tuple[torch.Tensor, Camera]  # a grey image (H, W), and its camera
+
+
+@dataclass(frozen=True, eq=False)
+class _Swept:
+    """The result of one view's sweep, (H, W) float32 each. depth: 0 where the score is too low. weight: the score; 0
+    where the margin over other planes is too small or an outline is near.
+    """
+
+    depth: np.ndarray
+    weight: np.ndarray
+
+
+def stereo_depth(
+    training_set: TrainingSet, *, coarser: int = 0, device: str = "cpu", progress: Progress = silent
+) -> list[DepthMap]:
+    """One map per view: z, 0 where no depth was found or confirmed, and a weight of 0 ... 1.
+
+    Uses the photographs, the cameras, and the sparse points, which give the range of the planes. Masked pixels get no
+    depth, and confirm none. coarser: how many
+    times to repeat at half the previous size, to fill pixels without depth, since blurred photographs agree only at
+    coarse scales. Each time the weight is halved, as errors are twice as large. device: where the views are matched.
+    progress: called for every view that is swept or checked.
+    Raises InputError for a single view, and without points.
+    """
+    views = training_set.views
+    if len(views) < 2:
+        raise InputError("option depth_prior", "stereo for one training view", "two or more")
+    bounds, neighbours = disparity_bounds(training_set), choose_sources(training_set, CHECKED)
+    pyramids = [_pyramid(view.image, view.camera, len(SCALES) + coarser, device) for view in views]
+    masks = [view.mask for view in views]
+    maps = _matched([levels[: len(SCALES)] for levels in pyramids], masks, neighbours, bounds, "", progress)
+    for level in range(1, coarser + 1):
+        smaller = [levels[level : level + len(SCALES)] for levels in pyramids]
+        if not all(smaller):
+            break
+        more = _matched(smaller, masks, neighbours, bounds, f" at 1/{2**level}", progress)
+        maps = [_filled(one, other, 0.5**level) for one, other in zip(maps, more, strict=True)]
+    return [
+        one if mask is None else DepthMap(np.where(mask, one.depth, 0), np.where(mask, one.weight, 0))
+        for one, mask in zip(maps, masks, strict=True)
+    ]
+
+
+def _matched(
+    pyramids: list[list[_Level]],
+    masks: list[np.ndarray | None],
+    neighbours: list[list[int]],
+    bounds: tuple[float, float],
+    size: str,
+    progress: Progress,
+) -> list[DepthMap]:
+    """Maps at the size of the pyramids' first level. size: its name in progress messages."""
+    swept, cameras = [], [levels[0][1] for levels in pyramids]
+    progress(SWEEP + size, 0, len(cameras))
+    for index, chosen in enumerate(neighbours):
+        swept.append(_unmasked(_sweep(pyramids, index, chosen[:SOURCES], *bounds), masks[index]))
+        progress(SWEEP + size, index + 1, len(cameras))
+    maps = []
+    progress(CHECK + size, 0, len(cameras))
+    for index, chosen in enumerate(neighbours):
+        maps.append(_agreed(cameras, swept, index, chosen, pyramids[index][0][0].device))
+        progress(CHECK + size, index + 1, len(cameras))
+    return maps
+
+
+def _unmasked(found: _Swept, mask: np.ndarray | None) -> _Swept:
+    """The sweep without what stands under a mask, (H, W) at the photograph's size or None."""
+    if mask is None:
+        return found
+    valid = shrunk_mask(mask, found.depth.shape[1], found.depth.shape[0])
+    return _Swept(np.where(valid, found.depth, np.float32(0)), np.where(valid, found.weight, np.float32(0)))
+
+
+def _filled(found: DepthMap, coarse: DepthMap, share: float) -> DepthMap:
+    """The map, filled where it has no depth with the nearest pixels of a smaller map, their weight times `share`."""
+    at = np.ix_(
+        *(
+            ((np.arange(size) + 0.5) * small / size).astype(np.int64)
+            for size, small in zip(found.depth.shape, coarse.depth.shape, strict=True)
+        )
+    )
+    known = found.depth > 0
+    return DepthMap(
+        np.where(known, found.depth, coarse.depth[at]),
+        np.where(known, found.weight, np.float32(share) * coarse.weight[at]),
+    )
+
+
+def disparity_bounds(training_set: TrainingSet) -> tuple[float, float]:
+    """The disparities, 1 / scene unit, between which the planes lie."""
+    if training_set.points is None:
+        raise InputError("option depth_prior", "stereo without sparse points", "some, which say how far planes reach")
+    found = np.concatenate(
+        [
+            1 / sparse_depth(training_set.points, view.camera, index).depth.numpy()
+            for index, view in enumerate(training_set.views)
+        ]
+    )
+    low, high = (float(value) for value in np.quantile(found, (QUANTILE, 1 - QUANTILE)))
+    beyond = MARGIN * (high - low)
+    return max(low - beyond, 0.1 * low), high + beyond
+
+
+def choose_sources(training_set: TrainingSet, most: int = SOURCES) -> list[list[int]]:
+    """For each view up to `most` other views to match it with, best first: those with many common points at a suitable
+    angle."""
+    points, views = training_set.points, training_set.views
+    assert points is not None
+    count = len(views)
+    seen = np.zeros((count, len(points)), dtype=bool)
+    rays = np.empty((count, len(points), 3))
+    for index, view in enumerate(views):
+        if points.views is not None:
+            seen[index] = points.seen_from(index)
+        else:
+            seen[index] = view.camera.inside(view.camera.project(points.xyz)[0])
+        rays[index] = points.xyz - view.camera.centre
+        rays[index] /= np.linalg.norm(rays[index], axis=1, keepdims=True)
+    worth = np.full((count, count), -np.inf)
+    for one, other in combinations(range(count), 2):
+        common = np.flatnonzero(seen[one] & seen[other])
+        if len(common):
+            worth[one, other] = worth[other, one] = _fairness(rays[one][common], rays[other][common]).sum()
+    for one in range(count):
+        # Cameras without common points may still see a common surface; they are ranked after all others.
+        if np.count_nonzero(worth[one] >= 0) < min(most, count - 1):
+            for unseen in np.flatnonzero(worth[one] == -np.inf):
+                worth[one, unseen] = -1 + 1e-3 * _fairness(rays[one], rays[unseen]).mean()
+        worth[one, one] = -np.inf
+    order = np.argsort(-worth, axis=1, kind="stable")
+    return [[int(other) for other in others if other != one][:most] for one, others in enumerate(order)]
+
+
+def _fairness(rays: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(M,) 0 ... 1: how suitable the angles between the rays (M, 3) of two views are for matching; 1 within ANGLE."""
+    angle = np.degrees(np.arccos(np.clip((rays * others).sum(axis=1), -1, 1)))
+    return np.minimum(angle / ANGLE[0], 1) ** 2 * np.minimum(ANGLE[1] / np.maximum(angle, 1e-9), 1) ** 2
+
+
+def _pyramid(image: np.ndarray, camera: Camera, count: int, device: str = "cpu") -> list[_Level]:
+    """Grey image and camera at each of `count` scales, or at fewer if smaller images would have too few pixels."""
+    levels = []
+    for level in range(count):
+        width, height = camera.width >> level, camera.height >> level
+        if level and min(width, height) < SMALLEST:
+            break
+        grey = resize(image, width, height).mean(axis=2)
+        tensor = torch.from_numpy(np.ascontiguousarray(grey, dtype=np.float32)).to(device)
+        levels.append((tensor, camera.resized(width, height)))
+    return levels
+
+
+def _at_size(level: _Level, goal: Camera) -> _Level:
+    """A grey image and its camera, resized to as many pixels as the camera `goal` has."""
+    grey, camera = level
+    if grey.shape == (goal.height, goal.width):
+        return grey, camera
+    resized = torch.from_numpy(resize(grey.numpy(force=True), goal.width, goal.height)).to(grey.device)
+    return resized, camera.resized(goal.width, goal.height)
+
+
+def plane_map(camera: Camera, source: Camera) -> np.ndarray:
+    """(3, 4) matrix that takes (x, y, 1, disparity) of `camera` to homogeneous pixel coordinates of `source`.
+
+    If (x, y, 1, disparity) is multiplied by z first, the third coordinate of the result is the z in `source`.
+    """
+    relative = source.world_to_camera @ camera.camera_to_world
+    return np.concatenate(
+        [source.intrinsics @ relative[:3, :3] @ np.linalg.inv(camera.intrinsics), source.intrinsics @ relative[:3, 3:]],
+        axis=1,
+    )
+
+
+def _planes(camera: Camera, sources: list[Camera], low: float, high: float) -> np.ndarray:
+    """Evenly spaced disparities, so fine that the image moves by at most STEP from one to the next."""
+    corners = np.array(
+        [[x, y, 1.0] for x in (0, camera.width / 2, camera.width) for y in (0, camera.height / 2, camera.height)]
+    )
+    moved = 0.0
+    for source in sources:
+        matrix = plane_map(camera, source)
+        ends = [corners @ matrix[:, :3].T + matrix[:, 3] * disparity for disparity in (low, high)]
+        if all((end[:, 2] > 0).all() for end in ends):
+            first, last = (end[:, :2] / end[:, 2:] for end in ends)
+            moved = max(moved, float(np.median(np.linalg.norm(first - last, axis=1))))
+    count = int(np.clip(np.ceil(moved / STEP) + 1, *PLANES))
+    return np.linspace(low, high, -(-count // TOGETHER) * TOGETHER)
+
+
+def _sweep(pyramids: list[list[_Level]], index: int, chosen: list[int], low: float, high: float) -> _Swept:
+    levels = pyramids[index]
+    disparities = _planes(levels[0][1], [pyramids[other][0][1] for other in chosen], low, high)
+    total, weight = None, 0.0
+    for level in reversed(range(len(levels))):
+        grey, camera = levels[level]
+        others = [_at_size(pyramids[other][min(level, len(pyramids[other]) - 1)], camera) for other in chosen]
+        maps = np.stack([plane_map(camera, source) for _, source in others])
+        # Displacements are half as large in an image of half the size, so half as many planes are enough.
+        planes = np.linspace(low, high, -(-(len(disparities) - 1) // 2**level) + 1)
+        scores = load("stereo")(
+            grey,
+            torch.stack([other for other, _ in others]),
+            torch.from_numpy(maps).to(grey.device),
+            torch.from_numpy(planes).to(grey.device),
+            radius=RADIUS,
+            best=min(BEST, len(others)),
+        )
+        if total is not None:
+            load("stereo", function="upsample")(scores, total, weight / (weight + SCALES[level]))
+        total, weight = scores, weight + SCALES[level]
+    plane, score, margin = (
+        found.numpy(force=True)
+        for found in load("stereo", function="semiglobal")(total, levels[0][0], small=SMALL, large=LARGE, edge=EDGE)
+    )
+    depth = 1 / (low + (high - low) / (len(disparities) - 1) * plane.astype(np.float64))
+    # The first and the last plane also attract surfaces outside the range, so depths on them aren't kept.
+    depth[(plane < 0.5) | (plane > len(disparities) - 1.5)] = 0
+    believed = (depth > 0) & (score >= SCORE) & (margin >= DISTINCT) & ~_outline(depth, high - low)
+    depth[score < SCORE] = 0
+    return _Swept(depth.astype(np.float32), np.where(believed, np.clip(score, 0, 1), 0).astype(np.float32))
+
+
+def _outline(depth: np.ndarray, extent: float) -> np.ndarray:
+    """(H, W) bool: pixels with a much farther surface nearby. The matching window reaches over the outline there, so
+    the depth of such pixels is often wrong."""
+    from scipy.ndimage import minimum_filter
+
+    disparity = 1 / np.where(depth > 0, depth, np.inf)
+    return disparity - minimum_filter(disparity, 2 * OUTLINE + 1) > JUMP * extent
+
+
+def _agreed(
+    cameras: list[Camera], swept: list[_Swept], index: int, others: list[int], device: torch.device
+) -> DepthMap:
+    """The depths that other views confirm, weighted by score and by how many views agree."""
+    own, camera = swept[index], cameras[index]
+    depth = np.where(own.weight > 0, own.depth, 0)
+    agreeing = np.zeros(depth.shape, np.float32)
+    for other in others:
+        there, back = (plane_map(*pair) for pair in ((camera, cameras[other]), (cameras[other], camera)))
+        arrays = depth, swept[other].depth, there, back
+        seen = load("stereo", function="returns")(
+            *(torch.from_numpy(array).to(device) for array in arrays), pixels=AGREE_PX, share=AGREE_DEPTH
+        )
+        agreeing += seen.numpy(force=True)
+    kept = agreeing >= min(AGREEING, max(1, (len(cameras) - 1) // 2))
+    return DepthMap(np.where(kept, depth, 0), np.where(kept, own.weight * (agreeing / (agreeing + 1)), 0))

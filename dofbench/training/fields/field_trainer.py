@@ -1,0 +1,171 @@
+"""The training loop that every radiance field of this project shares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dofbench.core.budget import Budget
+from dofbench.core.contracts import FitOutcome, NonFinite, Observer, TrainingSet
+from dofbench.core.errors import InputError, Status
+from dofbench.runtime.devices import kind_of
+from dofbench.runtime.ops import warm_up
+from dofbench.training.common.nonfinite import NonFiniteError, Place, Watch
+from dofbench.training.common.photograph_colours import LearnedColours
+from dofbench.training.common.seen_loss import SeenLoss
+from dofbench.training.common.stage_clock import StageClock
+from dofbench.training.fields.annealed_space import AnnealedSpace
+from dofbench.training.fields.field_options import FieldOptions
+from dofbench.training.fields.field_scene import FieldScene
+from dofbench.training.fields.forward.ray_model import Prediction, RayModel, RayScene
+from dofbench.training.fields.grid_field import GridField
+from dofbench.training.fields.pixels import CameraTable, Pixels, TrainingPixels
+from dofbench.training.fields.surroundings import Surroundings
+
+_BETAS, _EPSILON = (0.9, 0.99), 1e-15  # TensoRF
+# Share of the training over which rates rise from nothing where views are from all around: with the whole rate from the
+# start, every camera may get a haze of its own before it, which nothing takes away again (reports/notes/fields.md).
+_RISE = 0.1
+
+
+class FieldTrainer:
+    """Trains a field, and what its forward model learns, on a training set. After `fit`, or during it from an observer,
+    `scene` can be rendered at any time.
+
+    colours: the photographs' colours as learned so far. device: where the field is trained; the model's tensors lie
+    there too. loss: that of the last step, None before the first.
+    """
+
+    def __init__(
+        self, training_set: TrainingSet, options: FieldOptions, model: RayModel, seed: int, device: str = "cpu"
+    ):
+        if training_set.points is None or len(training_set.points) < 4:
+            found = 0 if training_set.points is None else len(training_set.points)
+            raise InputError("sparse points", str(found), "at least 4, which say where the scene lies")
+        self._options, self._model, self._device = options, model, device
+        self._generator = torch.Generator().manual_seed(seed)
+        self._pixels = TrainingPixels(training_set.views, np.random.default_rng(seed), device)
+        cameras = [view.camera for view in training_set.views]
+        self._space = AnnealedSpace.of(cameras, training_set.points)
+        space = self._space.whole
+        shape = options.grid.shape(space.nodes(options.grid.nodes(0.0)))
+        field = GridField.at_random(shape, options.grid.density_shift, self._generator, device)
+        surroundings = Surroundings.grey(options.grid.surroundings_nodes, device) if space.has_surroundings else None
+        self.scene = FieldScene(field, space, options, surroundings)
+        self.colours = LearnedColours(len(cameras), options.colours, device)
+        self._names = [view.name for view in training_set.views]
+        self._rays = RayScene(self.scene, CameraTable(cameras, device), self._generator)
+        self._optimiser = self._new_optimiser()
+        self._clock = StageClock()
+        self.loss: Tensor | None = None
+        self._watch = Watch()
+        self._seen = SeenLoss(self._watch)
+
+    def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
+        """Train until the budget or the observer ends it. A non-finite value ends with the status "diverged"."""
+        for op in sorted({"adam", "field", *self._model.kernels}):
+            warm_up(op, kind_of(self._device))
+        preset = self._options.rays.steps
+        step = 0
+        event: NonFinite | None = None
+        try:
+            self._pixels.check(step=1)
+            while (progress := budget.progress(step, preset, observer.seconds)) < 1:
+                self.loss = self._step(step + 1, progress)
+                step += 1
+                if not observer.after_step(step, self._seen.after(step, self.loss)):
+                    break
+            self._watch.look()
+        except NonFiniteError as error:
+            event = error.event
+            step = max(step, event.step)  # the step that failed counts as taken
+            self._optimiser.zero_grad()
+        return FitOutcome(
+            status=Status.DIVERGED if event else Status.OK,
+            steps=step,
+            message=str(event) if event else "",
+            nonfinite=(event,) if event else (),
+            stages=dict(self._clock.seconds),
+        )
+
+    def _step(self, step: int, progress: float) -> Tensor:
+        """Take step number `step`, from 1; returns the loss, without gradient.
+
+        Raises NonFiniteError at the first value that isn't finite, before it can change the field. On a device such a
+        value doesn't change the field either, but is told when the watch is looked at.
+        """
+        place, options = Place(step, "", self._watch), self._options
+        self._grow(progress)
+        self.scene.space = self._space.at(progress)
+        with self._clock.timed("cells"):
+            if progress >= options.rays.cells_from and step % options.rays.cells_every == 0:
+                self.scene.look_for_empty_cells(self._generator)
+        pixels = self._model.draw(self._pixels, options.rays.batch_pixels, progress)
+        with self._clock.timed(self._model.stage), place.located(self._model.stage):
+            predictions = self._model.predict(self._rays, pixels, progress)
+        for prediction in predictions:
+            place.check(prediction.colours, self._model.stage)
+        with self._clock.timed("loss"):
+            loss = self._cost(predictions, pixels, step, progress)
+        place.check(loss, "loss")
+        with self._clock.timed("backward"):
+            loss.backward()
+        own = {name: tensor.grad for name, tensor in self.scene.parameters.items()}
+        learned = {**self._model.gradients(), "colours": self.colours.gradient()}
+        for name, gradient in {**own, **learned}.items():
+            place.check(gradient, f"gradient by {name}")
+        with self._clock.timed("optimiser"):
+            rise = min(1, progress / _RISE) if self.scene.space.has_surroundings else 1
+            for group in self._optimiser.param_groups:
+                group["lr"] = group["first"] * options.rates.lr_final**progress * rise
+            self._optimiser.found_inf = self._watch.found  # type: ignore[attr-defined]  # 1 has it change nothing
+            self._optimiser.step()
+            self._optimiser.zero_grad()
+            self._model.step(progress)
+            self.colours.step(pixels.view, progress)
+        return loss.detach()
+
+    def _cost(self, predictions: Sequence[Prediction], pixels: Pixels, step: int, progress: float) -> Tensor:
+        """Mean squared errors, the forward model's own term, and every so often the roughness of the grid."""
+        rates = self._options.rates
+        shown = pixels.without_masked(self._photographed(torch.stack([one.colours for one in predictions]), pixels))
+        weights = [one.weight for one in predictions]
+        errors = [weight * (one - pixels.colours).square().mean() for weight, one in zip(weights, shown, strict=True)]
+        loss = torch.stack(errors).sum()
+        if (own := self._model.cost(progress)) is not None:
+            loss = loss + own
+        if step % rates.smooth_every == 0:
+            rough = self.scene.field.roughness()
+            smooth = rates.density_smooth * rough["density"] + rates.colour_smooth * rough["colour"]
+            loss = loss + rates.smooth_every * smooth
+        return loss
+
+    def _photographed(self, colours: Tensor, pixels: Pixels) -> Tensor:
+        """Predicted colours (..., P, 3) as each pixel's photograph has them."""
+        if pixels.view is not None:
+            return self.colours.forward(pixels.view, colours)
+        return self.colours.of_pixels(pixels.views, colours)
+
+    def colour_estimates(self) -> dict[str, np.ndarray] | None:
+        """See `LearnedColours.estimates`."""
+        return self.colours.estimates(self._names)
+
+    def _grow(self, progress: float) -> None:
+        """Give the grid the nodes that it has at `progress`; the optimiser then begins anew, as in TensoRF."""
+        options, field = self._options.grid, self.scene.field
+        shape = options.shape(self.scene.space.nodes(options.nodes(progress)))
+        if shape != field.shape:
+            self.scene.field = field.resized(shape)
+            self._optimiser = self._new_optimiser()
+
+    def _new_optimiser(self) -> torch.optim.Adam:
+        rates, parameters = self._options.rates, self.scene.parameters
+        basis = parameters.pop("basis")
+        groups = [
+            {"params": list(parameters.values()), "first": rates.grid_lr},
+            {"params": [basis], "first": rates.basis_lr},
+        ]
+        return torch.optim.Adam(groups, betas=_BETAS, eps=_EPSILON, fused=True)

@@ -1,0 +1,165 @@
+"""Pixels of the training photographs, and the rays behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import TrainingView
+from dofbench.runtime.device_numbers import sent
+from dofbench.training.common.nonfinite import Place
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """P pixels. views: (P,) int64. places: (P, 2), x and y of their centres, pixels. colours: (P, 3), encoded.
+
+    view: the photograph that all of them are of, where they were drawn from one. width: of a patch, pixels. Both are
+    numbers of the host, which so needn't ask a device for them. valid: (P,) bool, the pixels of a patch that aren't
+    masked; None where all are valid.
+    """
+
+    views: Tensor
+    places: Tensor
+    colours: Tensor
+    view: int | None = None
+    width: int | None = None
+    valid: Tensor | None = None
+
+    def without_masked(self, colours: Tensor) -> Tensor:
+        """Predicted colours (..., P, 3), replaced by the photographs' where masked: no error and no gradient there."""
+        return colours if self.valid is None else torch.where(self.valid[:, None], colours, self.colours)
+
+
+class CameraTable:
+    """The cameras of V views as tensors. sizes: (V, 2), width and height, pixels. widths: the widths as numbers of the
+    host."""
+
+    def __init__(self, cameras: Sequence[Camera], device: torch.device | str = "cpu"):
+        to_world = np.stack([camera.camera_to_world for camera in cameras])
+        self._rotations = sent(to_world[:, :3, :3], device)
+        self._centres = sent(to_world[:, :3, 3], device)
+        self._intrinsics = sent([camera.parameters for camera in cameras], device)
+        self.sizes = sent([(camera.width, camera.height) for camera in cameras], device)
+        self.widths = [camera.width for camera in cameras]
+
+    @property
+    def focal(self) -> Tensor:
+        """(V, 2) focal lengths along x and y, pixels."""
+        return self._intrinsics[:, :2]
+
+    def rays(
+        self, views: Tensor, places: Tensor, shift: Tensor | None = None, tilt: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """World origins and directions (R, 3) behind places (R, 2), pixels, of views (R,); differentiable. The
+        directions' z in the camera's frame is 1.
+
+        shift: (R, 2), scene units, by which the origins lie beside the cameras' centres, along their x and y axes.
+        tilt: (R, 2), added to the directions' x and y in the cameras' frames.
+        """
+        intrinsics, rotations = self._intrinsics[views], self._rotations[views]
+        slope = (places - intrinsics[:, 2:]) / intrinsics[:, :2]
+        if tilt is not None:
+            slope = slope + tilt
+        directions = (rotations[:, :, :2] @ slope[:, :, None])[:, :, 0] + rotations[:, :, 2]
+        origins = self._centres[views]
+        if shift is not None:
+            origins = origins + (rotations[:, :, :2] @ shift[:, :, None])[:, :, 0]
+        return origins, directions
+
+
+class TrainingPixels:
+    """The pixels of the training photographs. `draw` takes them in a random order that is drawn anew when all were
+    used; `draw_view` and `draw_patch` take them from one photograph, in rounds of all photographs. Masked pixels are
+    drawn only as parts of a patch.
+
+    Which pixels a step has is drawn on the host, so that it is the same on every device; their colours are looked up on
+    the device."""
+
+    def __init__(self, views: Sequence[TrainingView], random: np.random.Generator, device: torch.device | str = "cpu"):
+        self._random, self._device = random, device
+        self._sizes = np.array([(view.camera.width, view.camera.height) for view in views])
+        self._starts = np.cumsum([0, *self._sizes.prod(axis=1)])
+        images = [np.ascontiguousarray(view.image, np.float32).reshape(-1, 3) for view in views]
+        self._photographs = np.concatenate(images)
+        self._colours = torch.from_numpy(self._photographs).to(device)
+        self._names = [view.name for view in views]
+        self._valid = [None if view.mask is None else np.flatnonzero(view.mask) for view in views]
+        self._all = self._unmasked()
+        self._order, self._next = np.empty(0, np.int64), 0
+        self._round: list[int] = []
+
+    def check(self, step: int) -> None:
+        """Raises NonFiniteError, at this step and with the photograph's name, unless all colours are finite.
+
+        A step draws few pixels of every photograph, so without this a training may run for long before it fails.
+        """
+        for name, start, end in zip(self._names, self._starts[:-1], self._starts[1:], strict=True):
+            Place(step, name).check(torch.from_numpy(self._photographs[start:end]), "photograph")
+
+    def draw(self, count: int) -> Pixels:
+        """The next `count` pixels of the order, or all if there are fewer."""
+        if self._next + count > len(self._order):
+            self._order, self._next = self._random.permutation(self._all), 0
+        chosen = self._order[self._next : self._next + count]
+        self._next += count
+        return self._pixels(chosen)
+
+    def draw_view(self, count: int) -> Pixels:
+        """`count` different pixels of one photograph, or all if it has fewer."""
+        view = self._next_view()
+        valid = self._valid[view]
+        drawn = self._random.permutation(int(self._sizes[view].prod()) if valid is None else valid)
+        return self._pixels(self._starts[view] + drawn[:count], view)
+
+    def draw_patch(self, side: int) -> Pixels:
+        """A patch of one photograph, row after row, `side` pixels high and wide or as much as the photograph has. It
+        has at least one valid pixel."""
+        view = self._next_view()
+        width, height = (int(size) for size in self._sizes[view])
+        valid = self._valid[view]
+        if valid is None:
+            left, top = (int(self._random.integers(max(length - side, 0) + 1)) for length in (width, height))
+        else:
+            row, column = divmod(int(self._random.choice(valid)), width)
+            left, top = self._around(column, side, width), self._around(row, side, height)
+        rows, columns = np.mgrid[top : min(top + side, height), left : min(left + side, width)]
+        within = (rows * width + columns).reshape(-1)
+        pixels = self._pixels(self._starts[view] + within, view, columns.shape[1])
+        if valid is None:
+            return pixels
+        return replace(pixels, valid=torch.from_numpy(np.isin(within, valid)).to(self._device))
+
+    def _around(self, place: int, side: int, length: int) -> int:
+        """A random start of `side` pixels of a line of `length`, or all of it, with `place` among them."""
+        return int(self._random.integers(max(0, place - side + 1), min(place, max(length - side, 0)) + 1))
+
+    def _unmasked(self) -> int | np.ndarray:
+        """What `permutation` takes to draw all valid pixels: how many there are where none is masked, else which."""
+        if all(valid is None for valid in self._valid):
+            return int(self._starts[-1])
+        pairs = zip(self._starts[:-1], self._sizes.prod(axis=1), self._valid, strict=True)
+        return np.concatenate([start + (np.arange(size) if own is None else own) for start, size, own in pairs])
+
+    def _next_view(self) -> int:
+        if not self._round:
+            self._round = [int(view) for view in self._random.permutation(len(self._sizes))]
+        return self._round.pop()
+
+    def _pixels(self, chosen: np.ndarray, view: int | None = None, width: int | None = None) -> Pixels:
+        views = np.searchsorted(self._starts, chosen, side="right") - 1
+        within, widths = chosen - self._starts[views], self._sizes[views, 0]
+        places = np.stack([within % widths, within // widths], axis=1) + 0.5
+        numbers, of_views = (torch.from_numpy(one).to(self._device, non_blocking=True) for one in (chosen, views))
+        return Pixels(of_views, sent(places, self._device), self._colours[numbers], view, width)
+
+
+def whole_image(camera: Camera, device: torch.device | str = "cpu") -> Tensor:
+    """(H W, 2): x and y of the centres of all pixels, row after row."""
+    rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
+    return sent(np.stack([columns.reshape(-1), rows.reshape(-1)], axis=1), device)

@@ -1,0 +1,137 @@
+"""The `Method` contract implemented on the trainer; a Gaussian method adds only its options."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dofbench.core.budget import Budget
+from dofbench.core.cameras import NO_OFFSET, Camera
+from dofbench.core.contracts import FitOutcome, Observer, Rendering, TrainingSet
+from dofbench.core.errors import InputError
+from dofbench.core.lens import PhysicalLens
+from dofbench.runtime.device_memory import forget_peak, peak_mb
+from dofbench.runtime.devices import KINDS, resolve
+from dofbench.training.common.lens_file import read_lenses, write_lenses
+from dofbench.training.common.option_groups import ListedOption, listed_options
+from dofbench.training.common.photograph_colours import FILE as COLOURS
+from dofbench.training.common.photograph_colours import read_colours, write_colours
+from dofbench.training.gaussians.exposure import Exposures
+from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.gaussians.model import NEAR, Gaussians
+from dofbench.training.gaussians.rendering_options import CONVENTIONS, NEAR_PLANE, RENDERING
+from dofbench.training.gaussians.splats import lower_degree, read_offset, read_splats, write_splats
+from dofbench.training.gaussians.trainer import Trainer
+
+_MODEL, _LENSES = "gaussians.ply", "lenses.json"
+
+
+class GaussianMethod:
+    """Base of the methods that use this project's trainer. `OPTIONS`: the class of the method's options. `FORCED`:
+    options that define the method and can't be set."""
+
+    OPTIONS: ClassVar[type[GaussianOptions]] = GaussianOptions
+    FORCED: ClassVar[Mapping[str, Any]] = {}
+
+    def __init__(self, options: Mapping[str, Any], seed: int, device: str):
+        self._device = resolve(device, KINDS, "training of Gaussians")
+        fixed = sorted(set(options) & set(self.FORCED))
+        if fixed:
+            raise InputError(f"option {fixed[0]}", "a value", "none: this method fixes it")
+        self._options = self.OPTIONS.of(**options, **self.FORCED)
+        self._seed = seed
+        self._gaussians: Gaussians | None = None
+        self._trainer: Trainer | None = None
+        self._exposures: Exposures | None = None  # renders the model while no training is running
+        self._lenses: dict[str, PhysicalLens] | None = None
+        self._colours: dict[str, np.ndarray] | None = None
+        self._peak: dict[str, float] = {}
+        self._offset = NO_OFFSET
+
+    @classmethod
+    def available_options(cls) -> tuple[ListedOption, ...]:
+        """Every option that a user of this method may set, with type, default, meaning, unit and source."""
+        return tuple(option for option in listed_options(cls.OPTIONS) if option.name not in cls.FORCED)
+
+    @property
+    def options(self) -> GaussianOptions:
+        """The current options, which training may have revised since the method was made."""
+        return self._trainer.options if self._trainer else self._options
+
+    def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
+        """Train from the sparse points; raises InputError when there are none."""
+        forget_peak(self._device)
+        self._trainer = Trainer(training_set, self._options, self._seed, self._device)
+        self._gaussians, self._exposures = self._trainer.gaussians, None
+        self._offset = training_set.offset
+        outcome = self._trainer.fit(budget, observer)
+        self._peak = peak_mb(self._device)
+        self._exposures = Exposures(self._gaussians, self.options)
+        return outcome
+
+    def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
+        """Render; ValueError for a lens when the method has none."""
+        if lens is not None and not self.options.lens.lens:
+            raise ValueError("this method has no lens: it can't refocus")
+        return self.exposures.render(camera, lens)
+
+    def lens_estimates(self) -> dict[str, PhysicalLens] | None:
+        """The learned lens of every training view, None without a lens."""
+        return self._trainer.lens_estimates() if self._trainer else self._lenses
+
+    def colour_estimates(self) -> dict[str, np.ndarray] | None:
+        """The learned colour of every training photograph, (3, 4) as in `photograph_colours.py`; None if none is
+        learned."""
+        return self._trainer.colour_estimates() if self._trainer else self._colours
+
+    def describe(self) -> dict[str, float]:
+        """Number of Gaussians; after training on a GPU, the most of its memory that was in use too, MB."""
+        return {"gaussians": len(self.gaussians), **self._peak}
+
+    def save(self, folder: Path) -> None:
+        """Write the Gaussians as 3DGS' .ply, the learned lenses and the rendering options as JSON, and the photographs'
+        colours if they were learned.
+
+        The .ply has the coordinates of the scene's files; `load` subtracts their offset again, which its header states.
+        The 3D filter, where it is on, is merged into the Gaussians, so a model that is read back renders the same
+        except for rounding.
+        """
+        shown = self.gaussians
+        if not self.options.appearance.filter_3d:
+            shown = Gaussians(shown.parameters, None, shown.near)
+        write_splats(folder / _MODEL, shown, self._offset)
+        values = self.options.flat()
+        rendering = {**{name: values[name] for name in RENDERING}, NEAR_PLANE: self.gaussians.near}
+        write_lenses(folder / _LENSES, self.lens_estimates(), rendering, CONVENTIONS)
+        if (colours := self.colour_estimates()) is not None:
+            write_colours(folder / COLOURS, colours)
+
+    def load(self, folder: Path) -> None:
+        """Read a model that `save` wrote; raises InputError when a file is missing or damaged."""
+        self._offset = read_offset(folder / _MODEL)
+        gaussians = read_splats(folder / _MODEL, self._offset)
+        self._lenses, rendering = read_lenses(folder / _LENSES, (*RENDERING, NEAR_PLANE))
+        near = rendering.pop(NEAR_PLANE, NEAR)
+        if isinstance(near, str) or not near > 0:
+            raise InputError(folder / _LENSES, f"rendering.{NEAR_PLANE}: {near}", "a distance above 0")
+        gaussians = gaussians.on(self._device)
+        gaussians.near = float(near)
+        self._options = self._options.with_overrides(rendering, f"{folder / _LENSES}: rendering")
+        self._gaussians = lower_degree(gaussians, self._options.appearance.sh_degree)
+        self._colours = read_colours(folder / COLOURS) if (folder / COLOURS).is_file() else None
+        self._trainer, self._exposures = None, Exposures(self._gaussians, self._options)
+
+    @property
+    def exposures(self) -> Exposures:
+        """What renders the model, as tensors on its device too."""
+        return self._exposures or Exposures(self.gaussians, self.options)
+
+    @property
+    def gaussians(self) -> Gaussians:
+        """The trained Gaussians. Raises RuntimeError before there are any."""
+        if self._gaussians is None:
+            raise RuntimeError("the method holds no model: call fit or load first")
+        return self._gaussians
