@@ -19,7 +19,7 @@ def feeding(device: str) -> Iterator[None]:
     a thread of their own for each device, and both threads then wait for Python's lock; here they run in the calling
     one. Python's garbage collector walks through everything that was imported; what there is when the block begins is
     left to it afterwards. In one thread and without any collections, a step took about two thirds of the time
-    (reports/notes/gpu.md).
+    (docs/notes/gpu.md).
     """
     if kind_of(device) == "cpu":
         yield

@@ -105,7 +105,7 @@ def run(kernel: Any, grid: tuple[int, ...], arguments: Sequence[Any], constants:
     """Hand a launch over to Triton.
 
     From the second such launch on to what Triton compiled for the first: for each launch Triton looks anew for what it
-    has compiled, which takes longer than most kernels do (reports/notes/gpu.md).
+    has compiled, which takes longer than most kernels do (docs/notes/gpu.md).
     """
     values = tuple(constants.values())
     key = kernel, _first_tensor(arguments).get_device(), warps, values, _kinds(arguments)

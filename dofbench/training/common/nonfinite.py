@@ -30,7 +30,7 @@ class Watch:
     """Answers, still on the device, to whether values were finite, in the order of the checks.
 
     The tensors of a step are looked at together when the first answer is asked for; one by one, they took a quarter of
-    all launches of a step (reports/notes/gpu.md). Until then nothing may change them.
+    all launches of a step (docs/notes/gpu.md). Until then nothing may change them.
     """
 
     def __init__(self) -> None:

@@ -27,7 +27,7 @@ from dofbench.training.fields.surroundings import Surroundings
 
 _BETAS, _EPSILON = (0.9, 0.99), 1e-15  # TensoRF
 # Share of the training over which rates rise from nothing where views are from all around: with the whole rate from the
-# start, every camera may get a haze of its own before it, which nothing takes away again (reports/notes/fields.md).
+# start, every camera may get a haze of its own before it, which nothing takes away again (docs/notes/fields.md).
 _RISE = 0.1
 
 

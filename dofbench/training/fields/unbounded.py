@@ -19,7 +19,7 @@ from torch import Tensor
 from dofbench.runtime.device_numbers import beside
 from dofbench.training.fields.cube_rays import PER_RAY, CubeRays
 
-_BOX_SHARE = 0.85  # of the cube's side, which the box fills; 0.7 does as well (reports/notes/fields.md)
+_BOX_SHARE = 0.85  # of the cube's side, which the box fills; 0.7 does as well (docs/notes/fields.md)
 _PULL = 1 / _BOX_SHARE - 1  # a in x / (|x| + a), so that the box's surface is where that of the smaller box is
 _SAMPLING = (1.0, 0.25, 0.25, 0.25)  # beyond the box most pieces are that much shorter in the cube
 _LEAST_DEPTH = 1e-6  # scene units, of a place on a piece that isn't there

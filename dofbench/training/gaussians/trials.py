@@ -35,11 +35,11 @@ from dofbench.training.gaussians.trial_options import QUESTIONS
 HELD_BACK = 0.08  # share of the tiles
 VISITS = 2  # smallest number of visits of each photograph in a trial
 MOST = 0.06  # largest share of the training's steps that a trial may take
-LONGEST = 200  # steps of a trial, unless its visits need more: longer ones decide alike (reports/notes/gpu.md)
+LONGEST = 200  # steps of a trial, unless its visits need more: longer ones decide alike (docs/notes/lens.md)
 MOST_TIME = 0.35  # largest share of a limited training time that all trials may take
 NO_CIRCLE = 0.3  # px, radius: smaller circles of confusion are invisible in a photograph
 SMALL_CIRCLE = 1.0  # px, radius: with smaller circles a lens is kept only if it explains held-back pixels better
-EXPLAINED = 0.01  # dB on held-back pixels: a smaller gain is noise; sharp photographs gave up to 0.003 (reports/lens)
+EXPLAINED = 0.01  # dB on held-back pixels: a smaller gain is noise (docs/notes/lens.md)
 WORTH = 0.05  # dB on held-back pixels: with a smaller difference the simpler setting counts as equally good
 SURE = 2.0  # standard errors by which held-back pixels must be better with a lens, or worse for leaving it out
 # Standard errors by which the forward model that costs more must be better. Whatever a lens took has occlusion, so less
@@ -227,7 +227,7 @@ class Trials:
 
 # Tried are points of the lens, since only they show at once what the scatter lacks: after the same steps each
 # Gaussian's own blur, a fifth as dear, can't be told from the scatter on photographs that a lens took
-# (reports/notes/training.md).
+# (docs/notes/forward-models.md).
 _LENS_POINTS = {"lens_model": "samples", "lens_samples_from": 0.0, "lens_rings": 1}
 # Until the last fifth each Gaussian's own blur goes on with what the points began, since it takes one rasterisation.
 _AFTER = {"samples": {"lens_rings_from": 0.8, "depth_every": 4}}

@@ -26,7 +26,7 @@ class WeightProposalOptions:
     """Whether the weights of a pixel's rays are proposed by what lies along them, beside those of the whole photograph.
     Unit: none. Source: DP-NeRF."""
     proposal_samples: int = 8
-    """Samples along a ray that the proposal looks at. Unit: none. Source: own (reports/tuning); 128 in DP-NeRF."""
+    """Samples along a ray for the proposal. Unit: none. Source: own (docs/notes/tuning.md); 128 in DP-NeRF."""
     proposal_first: float = 0.1
     """Share of the mixture by proposed weights in the loss when the kernel begins. Unit: none. Source: DP-NeRF."""
     proposal_last: float = 0.9
