@@ -155,7 +155,7 @@ def _with_sharp_ones(scene: Scene) -> Scene:
 
 
 def _read(layout: str, root: Path, **options: int | str | None) -> Scene:
-    read: Callable[..., Scene] = import_module(f"dofbench.scenes.{layout}").read
+    read: Callable[..., Scene] = import_module(f"dofbench.scenes.readers.{layout}").read
     return read(root, **options)
 
 
@@ -194,7 +194,7 @@ def print_notes(scene: Scene) -> None:
 
 def detect(root: Path) -> str | None:
     """The layout that a folder's files say it has; None where none does."""
-    return next((layout for layout in _MARKS if import_module(f"dofbench.scenes.{layout}").fits(root)), None)
+    return next((layout for layout in _MARKS if import_module(f"dofbench.scenes.readers.{layout}").fits(root)), None)
 
 
 def _scenes_inside(root: Path) -> list[Path]:
