@@ -1,5 +1,5 @@
-"""The presets `paper` and `released`: a step's whole loss by formulae written out, and the values in the table of
-docs/published-presets.md."""
+"""The presets `paper` and `released`: a step's whole loss by formulae written out, and the table in
+docs/published-presets.md, whose options must have the presets' values."""
 
 from __future__ import annotations
 
@@ -202,19 +202,15 @@ def test_one_degree_of_the_harmonics_is_added_every_thousand_of_thirty_thousand_
 
 
 def rows() -> list[tuple[str, list[str]]]:
-    """(preset, cells) of every row of the page's two tables: what is published, options, functions, tests."""
+    """(preset, options as `key=value`) of every row of the page's tables that has options."""
     found, name = [], ""
     for line in PAGE.read_text().splitlines():
         if line.startswith("## "):
             match = re.fullmatch(r"## Preset `(\w+)`", line)
             name = match[1] if match else ""
-        elif name and line.startswith("|") and not line.startswith(("| published", "| ---")):
-            found.append((name, [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]))
+        elif name and line.startswith("|"):
+            found.append((name, re.findall(r"`(\w+=[^`]+)`", line)))
     return found
-
-
-def code(cell: str) -> list[str]:
-    return re.findall(r"`([^`]+)`", cell)
 
 
 def written(name: str) -> dict[str, object]:
@@ -226,12 +222,9 @@ def written(name: str) -> dict[str, object]:
 @pytest.mark.parametrize("name", PRESETS)
 def test_the_presets_have_the_values_that_the_table_says(name: str) -> None:
     values, seen = preset(name).flat(), set()
-    for owner, (_, options, _, _) in rows():
-        if owner != name:
-            continue
-        for option in code(options):
-            key, _, value = option.partition("=")
-            assert key in values, option
-            assert GaussianOptions().with_overrides({key: value}).flat()[key] == values[key], option
-            seen.add(key)
+    for option in (option for owner, options in rows() if owner == name for option in options):
+        key, _, value = option.partition("=")
+        assert key in values, option
+        assert GaussianOptions().with_overrides({key: value}).flat()[key] == values[key], option
+        seen.add(key)
     assert not set(written(name)) - seen, "options of the preset without a row"
