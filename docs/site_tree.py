@@ -35,8 +35,12 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 
 def _pages(folder: str) -> list[dict[str, str]]:
-    pages = sorted((_ROOT / folder).rglob("*.md"), key=lambda page: (page.parent, page.name != "README.md", page.name))
+    pages = sorted((_ROOT / folder).rglob("*.md"), key=_place)
     return [{_title(page): page.relative_to(_ROOT).as_posix()} for page in pages]
+
+
+def _place(page: Path) -> tuple[Path, bool, str]:
+    return page.parent, page.name not in ("README.md", "index.md"), page.name
 
 
 def _title(page: Path) -> str:

@@ -1,4 +1,4 @@
-"""Make a dataset with shallow depth of field and a known lens of the built-in scene, and check it.
+"""Make a dataset of the built-in scene, and check it.
 
 python examples/01_make_dataset.py
 """

@@ -1,4 +1,4 @@
-"""Read the dataset made by 01_make_dataset.py: the part that a method may see, and the ground truth.
+"""Read the dataset of 01_make_dataset.py: training views and ground truth.
 
 python examples/02_read_dataset.py
 """
@@ -12,9 +12,9 @@ def main(folder: Path = Path("data/example")) -> None:
     """folder: a dataset with a known lens."""
     dataset = dofbench.Dataset.load(folder)
 
-    seen = dataset.training_set()  # shallow photographs, cameras and points: no lens, no depth, no test view
+    seen = dataset.training_set()  # blurred training views, cameras, points: no lens, depth or test view
     camera = seen.views[0].camera
-    print(f"{len(seen.views)} photographs of {camera.width}x{camera.height} pixels and {len(seen.points)} points")
+    print(f"{len(seen.views)} training views of {camera.width}x{camera.height} pixels and {len(seen.points)} points")
 
     for view in dataset.test_views():  # test views are for scoring only
         sharp, depth = dataset.all_in_focus(view), dataset.depth(view)  # (H, W, 3) encoded; (H, W) scene units

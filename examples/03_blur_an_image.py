@@ -1,4 +1,4 @@
-"""Blur a sharp image by its depth: first through the lens in the dataset, then through a lens of our own.
+"""Blur an all-in-focus image by its depth: with the lens of the dataset, then with another lens.
 
 python examples/03_blur_an_image.py
 """
@@ -9,7 +9,7 @@ import dofbench
 
 
 def main(folder: Path = Path("data/example"), out: Path = Path("data/refocused.png")) -> None:
-    """folder: a dataset with a known lens. out: the picture to write."""
+    """folder: a dataset with a known lens. out: the image to write."""
     dataset = dofbench.Dataset.load(folder)
     view = max(dataset.views, key=lambda view: view.max_coc_px)  # the most blurred one
     sharp, depth = dataset.all_in_focus(view), dataset.depth(view)

@@ -1,4 +1,4 @@
-"""Score pictures of a dataset's test views made by another program. Here the photographs themselves are scored.
+"""Score images of a dataset's test views by another program. Here the blurred images themselves are scored.
 
 python examples/06_score_pictures.py
 """

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from doc_pages import Block, anchors, blocks, commands, links
 
+import dofbench
 from dofbench.cli import app
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -61,6 +62,14 @@ def test_command_lines_parse(words: list[str], monkeypatch: pytest.MonkeyPatch) 
         app.parse(shown)
     except SystemExit as end:
         assert end.code == 0 and "--help" in shown, "the command line isn't one"
+
+
+# ---- the API page ----
+
+
+def test_the_api_page_has_every_public_name() -> None:
+    listed = re.findall(r"^::: dofbench\.(\w+)$", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE)
+    assert sorted(listed) == sorted(dofbench.__all__)
 
 
 # ---- pages that are done as they say ----

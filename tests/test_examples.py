@@ -44,7 +44,7 @@ def test_make_dataset(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_read_dataset(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main_of("02_read_dataset.py")(place / "data")
     printed = capsys.readouterr().out
-    assert "17 photographs of 64x48 pixels" in printed and printed.count("scene units") == 3
+    assert "17 training views of 64x48 pixels" in printed and printed.count("scene units") == 3
 
 
 def test_blur_an_image(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
