@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 
 from dofbench.core.markdown_text import block, code, literal, running, visible
-from dofbench.reporting.markdown_writer import markdown_page
-from dofbench.reporting.view import Cell, Command, Document, Heading, Items, Section, Table
+from dofbench.reporting.render import markdown
+from dofbench.reporting.tables import Cell, Heading, Section, Table
 
 RENDERER = MarkdownIt("commonmark", {"html": True}).enable(["table", "strikethrough"])
 ATTACKS = (
@@ -105,10 +105,12 @@ def test_a_page_has_no_elements_but_its_own(text: str, other: str) -> None:
             (
                 (Cell(text), Cell("", code=(text, other))),
                 (Cell(text, "gap", reason=other), Cell(other, below=text)),
+                (Cell("a"), Cell("a")),
             ),
         )
-        blocks = (Items((visible(text).replace("*", "").replace("`", ""),)), Command(other), Section(text, (table,)))
-        return _Seen(markdown_page(Document("x", text, blocks))).elements
+        items = (visible(text).replace("*", "").replace("`", ""),)
+        inside = Section(text, command=f"a {other}", items=items, sections=(Section(text, tables=(table,)),))
+        return _Seen(markdown("ablation.md", page=inside)).elements
 
     assert page(text, other) == page("x" if visible(text) else "", "y" if visible(other) else "")
 

@@ -55,7 +55,7 @@ def changed(copied: Path, monkeypatch: pytest.MonkeyPatch):
         ("methods/bags/method.py", "bags", "cpu", True),
         ("methods/mipsplatting/method.py", "bags", "cpu", True),  # bags is like it
         ("methods/dofgaussian/method.py", "bags", "cpu", False),
-        ("dofbench/reporting/markdown_writer.py", "bags", "cpu", False),
+        ("dofbench/reporting/render.py", "bags", "cpu", False),
         ("kernels/tone/gpu.py", "bags", "cpu", False),
         ("kernels/tone/gpu.py", "bags", "cuda", True),
     ],

@@ -25,8 +25,7 @@ from typing import Any
 
 import tyro
 
-from dofbench.core.files import write_text
-from dofbench.reporting.csv_writer import write_csv
+from dofbench.core.files import write_csv, write_text
 
 HERE = Path(__file__).resolve().parent
 LOW = 0.5  # occupancy

@@ -40,14 +40,13 @@ from benchmarks.gpu.page import COLUMNS, floors, numbers, page
 from benchmarks.gpu.peer import both, gsplat
 from benchmarks.gpu.step import is_kernel, profiler, step_parts
 from dofbench.core.budget import Budget
-from dofbench.core.files import read_json, write_json, write_text
+from dofbench.core.files import read_json, write_csv, write_json, write_text
 from dofbench.core.lens import PhysicalLens
 from dofbench.datasets.format.schema import MANIFEST
 from dofbench.evaluation.results.provenance import code_version, git_state, package_versions
 from dofbench.evaluation.results.result import read_result
 from dofbench.evaluation.results.run_spec import Run
 from dofbench.methods.cards import find_method
-from dofbench.reporting.csv_writer import write_csv
 from dofbench.running.load_run import load_run
 from dofbench.running.one_run import run
 

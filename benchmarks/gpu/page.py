@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from dofbench.reporting.markdown_writer import markdown_table
+from dofbench.core.markdown_text import markdown_table
 
 COLUMNS = ("part", "name", "value")
 

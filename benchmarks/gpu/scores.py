@@ -19,8 +19,8 @@ from pathlib import Path
 import tyro
 
 from dofbench.core.errors import InputError, Status
+from dofbench.core.files import write_csv
 from dofbench.evaluation.results.collecting import Entry, collect
-from dofbench.reporting.csv_writer import write_csv
 
 SCORES = ("psnr", "aif_psnr", "aif_ssim", "delta_a", "delta_f", "gaussians")
 COLUMNS = ("method", "score", "gpu", "cpu", "difference", "cpu_least", "cpu_most", "cpu_seeds")

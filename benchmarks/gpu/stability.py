@@ -32,9 +32,8 @@ configure_threads()
 import pytest  # noqa: E402
 import tyro  # noqa: E402
 
-from dofbench.core.files import write_text  # noqa: E402
-from dofbench.reporting.csv_writer import write_csv  # noqa: E402
-from dofbench.reporting.markdown_writer import markdown_table  # noqa: E402
+from dofbench.core.files import write_csv, write_text  # noqa: E402
+from dofbench.core.markdown_text import markdown_table  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 from pretended_device import pretended  # noqa: E402

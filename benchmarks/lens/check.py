@@ -25,11 +25,11 @@ from benchmarks.lens.tables import write_table
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import Decision
 from dofbench.core.errors import InputError
+from dofbench.core.files import write_csv
 from dofbench.core.similarity import psnr
 from dofbench.datasets.format.dataset import Dataset
 from dofbench.methods.cards import find_method
 from dofbench.methods.stages.facts import facts_of
-from dofbench.reporting.csv_writer import write_csv
 from dofbench.runtime.threads import configure_threads
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.trainer import Trainer

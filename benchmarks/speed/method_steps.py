@@ -26,9 +26,9 @@ import torch  # noqa: E402
 from torch.profiler import ProfilerActivity, profile  # noqa: E402
 
 from dofbench.core.budget import Budget  # noqa: E402
+from dofbench.core.files import write_csv  # noqa: E402
 from dofbench.datasets.format.dataset import Dataset  # noqa: E402
 from dofbench.methods.cards import find_method, method_files  # noqa: E402
-from dofbench.reporting.csv_writer import write_csv  # noqa: E402
 from dofbench.runtime.freed_memory import keep_freed_memory  # noqa: E402
 from dofbench.training.fields.field_method import FieldMethod  # noqa: E402
 from dofbench.training.fields.field_trainer import FieldTrainer  # noqa: E402

@@ -19,8 +19,8 @@ import tyro
 from dofbench.core.content import content_folder
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
+from dofbench.core.files import write_csv
 from dofbench.datasets.synthesis.depth_sources import open_source
-from dofbench.reporting.csv_writer import write_csv
 from dofbench.scenes import load_scene
 from dofbench.scenes.depth.align import fit
 from dofbench.scenes.depth.network import Network, find_network, sampled

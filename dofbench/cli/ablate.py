@@ -6,15 +6,19 @@ from pathlib import Path
 
 from rich.console import Console
 
-from dofbench.core.files import write_text
+from dofbench.core.files import write_csv, write_text
 from dofbench.core.jobs import Executor
 from dofbench.core.progress import say
-from dofbench.reporting.ablations.ablation_document import ablation_document
-from dofbench.reporting.ablations.ablation_records import cell_records, summary_records
-from dofbench.reporting.ablations.document_files import write_document
-from dofbench.reporting.ablations.filled_table import fill
-from dofbench.reporting.csv_writer import write_records
-from dofbench.reporting.markdown_writer import markdown_page
+from dofbench.reporting.ablation import (
+    CELL_COLUMNS,
+    SUMMARY_COLUMNS,
+    ablation_page,
+    cell_rows,
+    fill,
+    summary_rows,
+    write_document,
+)
+from dofbench.reporting.render import markdown
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_plan import Plan, make_plan
 from dofbench.running.ablation_tables import read_tables, tables_of
@@ -61,9 +65,10 @@ def _write(settings: Ablate, plan: Plan, ended: Ended) -> list[Path]:
     files = []
     for table_plan in plan.tables:
         filled = fill(table_plan, ended)
-        document = ablation_document(filled, settings)
-        page = settings.out / f"{document.id}.md"
-        write_text(page, markdown_page(document))
-        files += [page, write_document(settings.out, document)]
-        files += [write_records(settings.out, made(filled)) for made in (cell_records, summary_records)]
+        page = ablation_page(filled, settings)
+        written = [settings.out / f"{page.id}{suffix}" for suffix in (".md", ".csv", "-summary.csv")]
+        write_text(written[0], markdown("ablation.md", page=page))
+        write_csv(written[1], CELL_COLUMNS, cell_rows(filled))
+        write_csv(written[2], SUMMARY_COLUMNS, summary_rows(filled))
+        files += [written[0], write_document(settings.out, page), *written[1:]]
     return files

@@ -7,6 +7,7 @@ logged in. Ordinary names, numbers and sentences come out unchanged.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 # What begins a block, or underlines a heading, where it is first in a line.
 _BLOCK = re.compile(r"^(?=(?:#{1,6}|[-+]+|=+)(?:\s|$)|>)")
@@ -17,7 +18,7 @@ _INLINE = re.compile(r"\\(?=[!-/:-@\[-`{-~]|$)|[`*~|]|(?<!\w)_|_(?!\w)|<(?=[A-Za
 _ENTITIES = {"<": "&lt;", "&": "&amp;"}
 # A bracket can begin a link, a definition or a footnote only where one of these is in the line.
 _LINKS = ("](", "][", "]:", "[^")
-# The markup of a report's running text (dofbench/reporting/view.py).
+# The markup of a report's running text (dofbench/reporting/tables.py).
 MARKUP = re.compile(r"`([^`]+)`|\*\*([^*]+)\*\*|\*([^*]+)\*")
 
 
@@ -53,6 +54,12 @@ def fenced(text: object) -> str:
     line = visible(str(text))
     fence = "`" * max([3, *(len(run) + 1 for run in re.findall("`+", line))])
     return f"{fence}\n{line}\n{fence}"
+
+
+def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int) -> list[str]:
+    """The lines of a table of escaped cells; the first `left` columns are aligned left, the others right."""
+    rule = [":---" if index < left else "---:" for index in range(len(headings))]
+    return ["| " + " | ".join(cells) + " |" for cells in (headings, rule, *rows)]
 
 
 def running(text: str) -> str:

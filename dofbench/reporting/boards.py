@@ -1,43 +1,69 @@
-"""Results grouped into boards, which hold the runs on one dataset under one protocol; and means over several boards."""
+"""Results grouped into boards (one dataset under one protocol): rows with means over seeds, means over scenes, and the
+reason of every gap."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
+from dofbench.core.errors import Status
 from dofbench.core.evidence import PHOTOGRAPHER_WORDS, ROLE_WORDS, Photographer, Role
+from dofbench.datasets.format.points_record import PointsRecord
 from dofbench.evaluation.results.collecting import Entry, added_columns, board_names, grouped, variant_names
-from dofbench.evaluation.results.columns import SCORES
+from dofbench.evaluation.results.columns import ALL_IN_FOCUS, COLUMNS, EXIF, PHOTOGRAPH, REFOCUS, SCORES
 from dofbench.evaluation.results.lens_columns import HELD_OUT, lens_words
-from dofbench.evaluation.results.protocol import PROTOCOLS
+from dofbench.evaluation.results.protocol import DEPTH_COLUMNS, PROTOCOLS, arithmetic_mean
 from dofbench.reporting import standing
-from dofbench.reporting.points_seen import points_of
-from dofbench.reporting.summary import Line, do_nothing_line, scene_mean, scene_spread, variant_line
+
+DO_NOTHING = "do nothing (Â = F̂ = 0.5)"
 
 Variant = tuple[str, ...]
+Names = Mapping[Variant, tuple[str, str]]  # variant -> (method, preset) as shown
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """A score over several runs. value: None with a failure (a status) or a reason, shown as a footnote. spread: sample
+    standard deviation over seeds, None for a single seed."""
+
+    value: float | None
+    spread: float | None = None
+    failure: str = ""
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One row of a table: cells by column. competes: whether it can be the best. signs: as of `standing`."""
+
+    method: str
+    preset: str
+    seeds: str
+    cells: dict[str, Statistic]
+    competes: bool = True
+    signs: str = ""
+
+    @property
+    def name(self) -> str:
+        """Method and preset."""
+        return f"{self.method} {self.preset}".strip()
 
 
 @dataclass(frozen=True)
 class Board:
-    """One dataset under one protocol. name: the dataset's, distinguished from other versions of the dataset. role, of
-    the scene, and photographer: None where no result states them, photographer also for methods that train on sharp
-    originals. scored: the protocol in words. kind: protocol, role and photographer in words; boards of one kind may be
-    averaged. lenses: those of the training views, in words, "" if no result states them. variants: variant -> its
-    seeds. lines: variant -> its scores and costs. nothing: the line of the predictor that learns nothing."""
+    """One dataset under one protocol. name: the dataset's, with a checksum where versions differ. variants: variant ->
+    its seeds. lines: variant -> its scores and costs. nothing: the lens predictor that learns nothing."""
 
     key: tuple[str, ...]
     name: str
-    scene: str
-    role: Role | None
-    photographer: Photographer | None
-    scored: str
-    kind: str
-    sharp: bool
-    held_out: bool
-    lenses: str
     variants: dict[Variant, list[Entry]]
     lines: dict[Variant, Line]
     nothing: Line | None
+    members: Sequence[Entry] = field(repr=False)
 
     @property
     def protocol(self) -> str:
@@ -50,38 +76,85 @@ class Board:
         return self.key[1][:16]
 
     @property
+    def scene(self) -> str:
+        """The scene that the dataset was made from."""
+        return self.members[0].scene
+
+    @cached_property
+    def sharp(self) -> bool:
+        """Whether methods trained on all-in-focus images."""
+        protocol = PROTOCOLS.get(self.protocol)
+        return protocol is not None and protocol.inputs == "all-in-focus"
+
+    @cached_property
+    def role(self) -> Role | None:
+        """The scene's role; None where no result states it."""
+        return standing.role_of(self.members)
+
+    @cached_property
+    def photographer(self) -> Photographer | None:
+        """How the input images were made; None for all-in-focus inputs and where no result states it."""
+        return None if self.sharp else standing.photographer_of(self.members)
+
+    @cached_property
+    def points(self) -> PointsRecord | None:
+        """Where the dataset's points and poses come from; None where no result states it."""
+        return next((entry.points for entry in self.members if entry.points is not None), None)
+
+    @cached_property
+    def _lenses(self) -> dict[str, Any] | None:
+        return next((entry.lenses for entry in self.members if entry.lenses), None)
+
+    @property
+    def lenses(self) -> str:
+        """The lenses of the training and test views in words, "" if no result states them."""
+        return "" if self._lenses is None else lens_words(self._lenses)
+
+    @property
+    def held_out(self) -> bool:
+        """Whether the test views have a focus that no training view has."""
+        return self._lenses is not None and self._lenses["assign"] == HELD_OUT
+
+    @property
+    def scored(self) -> str:
+        """The protocol in words."""
+        points = "" if self.points is None else self.points.protocol
+        return ", ".join(filter(None, (self.protocol, "held-out focus" if self.held_out else "", points)))
+
+    @property
+    def kind(self) -> str:
+        """Protocol, role and how images were made; only boards of one kind are averaged."""
+        words = ROLE_WORDS[self.role], PHOTOGRAPHER_WORDS[self.photographer]
+        return ", ".join(filter(None, (self.scored, *words)))
+
+    @property
     def title(self) -> str:
         """Dataset and protocol."""
         return f"{self.name}, {self.scored}"
 
-    @property
-    def members(self) -> tuple[Entry, ...]:
-        """The runs of the board."""
-        return tuple(entry for seeds in self.variants.values() for entry in seeds)
-
-    @property
-    def trained_on(self) -> str:
-        """A text such as "shallow photographs of F 0.2, 0.8 and A 1; the test views ask for F 0.5 and A 0"."""
-        if self.sharp:
-            return "sharp originals"
-        return "shallow photographs" + (f" of {self.lenses.removeprefix('trained on ')}" if self.lenses else "")
-
-
-def score_columns(entries: Sequence[Entry]) -> list[str]:
-    """The columns of a page about these runs: scores that all runs have, then scores added to at least one run."""
-    return [*SCORES, *added_columns(entries)]
-
 
 def gather(entries: Sequence[Entry]) -> list[Board]:
-    """The boards of these runs, in the order of the page: report scenes first, then by what took the photographs."""
+    """The boards of these runs in the order of `standing.place`."""
     every = tuple(entries)
     names, boards, columns = variant_names(every), board_names(every), score_columns(every)
-    found = [_board(key, boards[key], members, names, columns) for key, members in grouped(every, "board").items()]
+    found = []
+    for key, members in grouped(every, "board").items():
+        variants, role = grouped(members, "variant"), standing.role_of(members)
+        lines = {
+            variant: variant_line(seeds, names[variant], columns, standing.signs(role, seeds))
+            for variant, seeds in variants.items()
+        }
+        found.append(Board(key, boards[key], variants, lines, _do_nothing(members, columns), members))
     return sorted(found, key=lambda board: standing.place(board.role, board.photographer))  # stable
 
 
+def score_columns(entries: Sequence[Entry]) -> list[str]:
+    """The columns of a page: scores that all runs have, then scores added to at least one run."""
+    return [*SCORES, *added_columns(entries)]
+
+
 def by_kind(boards: Sequence[Board]) -> dict[str, list[Board]]:
-    """Kind -> the boards of this kind, which may stand in one table and be averaged."""
+    """Kind -> its boards, which may share a table and be averaged."""
     found: dict[str, list[Board]] = {}
     for board in boards:
         found.setdefault(board.kind, []).append(board)
@@ -89,58 +162,148 @@ def by_kind(boards: Sequence[Board]) -> dict[str, list[Board]]:
 
 
 def mean_name(kind: str, boards: Sequence[Board]) -> str:
-    """What the mean over several boards of one kind is called where datasets have their names."""
+    """The name of the mean over boards of one kind in place of a dataset's."""
     return f"the mean over {len(boards)} scenes{kind.removeprefix(boards[0].protocol)}"
 
 
+# ---- rows ----
+
+
+def variant_line(entries: Sequence[Entry], name: tuple[str, str], columns: Sequence[str], signs: str = "") -> Line:
+    """The row of one variant: all of its seeds on one dataset."""
+    cells = {column: seed_mean(entries, column) for column in columns}
+    seeds = [str(entry.spec.seed) for entry in entries]
+    shown = ", ".join(seeds) + (f" (n = {len(seeds)})" if len(seeds) > 1 else "")
+    return Line(*name, shown, cells, signs=signs)
+
+
+def seed_mean(entries: Sequence[Entry], column: str) -> Statistic:
+    """One column over the seeds of one variant; no mean if a seed failed."""
+    failed = [entry for entry in entries if entry.status is not Status.OK]
+    if failed:
+        kinds = ", ".join(sorted({str(entry.status) for entry in failed}))
+        count = f" ({len(failed)} of {len(entries)} seeds)" if len(entries) > 1 else ""
+        return Statistic(None, failure=kinds + count, reason=failed[0].message or "no message")
+    lacking = next((entry for entry in entries if column not in entry.scores), None)
+    if lacking is not None:
+        return Statistic(None, reason=lacking.left_out.get(column) or _no_reason(lacking, column))
+    return mean_and_spread([entry.scores[column] for entry in entries])
+
+
+def mean_and_spread(values: Sequence[float], reason: str = "") -> Statistic:
+    """Mean and sample standard deviation of one value per seed; a gap with the reason without values."""
+    if not values:
+        return Statistic(None, reason=reason)
+    spread = statistics.stdev(values) if len(values) > 1 and all(map(math.isfinite, values)) else None
+    return Statistic(arithmetic_mean(values), spread)
+
+
+def _no_reason(entry: Entry, column: str) -> str:
+    """Why a score is missing where the result doesn't say; "" if it belongs to another protocol."""
+    protocol = PROTOCOLS.get(entry.spec.protocol)
+    if protocol is not None and column in DEPTH_COLUMNS and not protocol.depth:
+        return f"{protocol.id} has no such score"
+    if column in EXIF:
+        return ""
+    if protocol is not None and column in (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH):
+        own = *protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.photograph
+        if column not in own:
+            return ""
+    return (
+        "the result holds no such score, nor a reason" if column in SCORES else "not computed: `dofbench score` adds it"
+    )
+
+
+def _do_nothing(entries: Sequence[Entry], columns: Sequence[str]) -> Line | None:
+    known = next((entry.result.do_nothing for entry in entries if entry.result and entry.result.do_nothing), None)
+    if known is None:
+        return None
+    gap = Statistic(None, reason="not a method: it only predicts A = F = 0.5 for every lens")
+    cells = {column: Statistic(known[column]) if column in known else gap for column in columns}
+    return Line(DO_NOTHING, "", "", cells, competes=False)
+
+
+def sorted_lines(lines: Sequence[Line]) -> list[Line]:
+    """Best refocus PSNR first; then lines without it, by all-in-focus PSNR (of real photographs, by their PSNR);
+    failures last."""
+
+    def place(line: Line) -> tuple[Any, ...]:
+        values = [line.cells[column].value for column in ("psnr", "aif_psnr", "photo_psnr", "across_psnr")
+                  if column in line.cells]  # fmt: skip
+        refocus, sharp = values[0], next((value for value in values[1:] if value is not None), None)
+        none = refocus is None and sharp is None
+        return (not line.competes, none, refocus is None, -_rank(refocus), -_rank(sharp), line.method, line.preset)
+
+    return sorted(lines, key=place)
+
+
+def _rank(value: float | None) -> float:
+    return -math.inf if value is None or math.isnan(value) else value
+
+
+def best_texts(lines: Sequence[Line], columns: Sequence[str]) -> dict[str, str | None]:
+    """Column -> best value as shown, so that values that look equal are all marked."""
+    found = {}
+    for column in columns:
+        values = [line.cells[column].value for line in lines if line.competes]
+        found[column] = COLUMNS[column].best([value for value in values if value is not None])
+    return found
+
+
+def empty_columns(lines: Sequence[Line], columns: Sequence[str]) -> dict[str, str]:
+    """Columns without a value or failure in any competing line -> the reasons, "" where another protocol has them."""
+    empty = {}
+    for column in columns:
+        cells = [line.cells[column] for line in lines if line.competes]
+        if cells and not any(cell.value is not None or cell.failure for cell in cells):
+            empty[column] = "; ".join(dict.fromkeys(cell.reason for cell in cells if cell.reason))
+    return empty
+
+
+# ---- means over scenes ----
+
+
 def mean_lines(boards: Sequence[Board], columns: Sequence[str]) -> dict[Variant, Line]:
-    """Means over several boards of one kind, for variants that have a score on every board. The spread is the standard
-    deviation of this mean over seeds that all boards have."""
+    """Means over several boards of one kind; gaps for variants that a board lacks. The spread is the standard deviation
+    of this mean over seeds that all boards have."""
     scenes = [board.name for board in boards]
     means = {}
     for variant in sorted({variant for board in boards for variant in board.lines}):
         own = {board.name: board.lines[variant] for board in boards if variant in board.lines}
         runs = [board.variants[variant] for board in boards if variant in board.variants]
-        some = next(iter(own.values()))
         cells = {column: scene_mean(own, scenes, column) for column in columns}
         cells = {
-            column: cell if cell.value is None else replace(cell, spread=scene_spread(runs, column))
+            column: cell if cell.value is None else replace(cell, spread=_scene_spread(runs, column))
             for column, cell in cells.items()
         }
-        same = len({line.seeds for line in own.values()}) == 1
-        seeds = some.seeds if same else "not the same on all"
+        first = next(iter(own.values()))
+        seeds = first.seeds if len({line.seeds for line in own.values()}) == 1 else "not the same on all"
         signs = standing.united(line.signs for line in own.values())
-        means[variant] = Line(some.method, some.preset, seeds, cells, signs=signs)
+        means[variant] = Line(first.method, first.preset, seeds, cells, signs=signs)
     return means
 
 
-def _board(
-    key: tuple[str, ...], name: str, members: list[Entry], names: dict[Variant, tuple[str, str]], columns: list[str]
-) -> Board:
-    protocol = PROTOCOLS.get(key[2])
-    lenses = next((entry.lenses for entry in members if entry.lenses), None)
-    held_out = lenses is not None and lenses["assign"] == HELD_OUT
-    variants = grouped(members, "variant")
-    sharp = protocol is not None and protocol.inputs == "all-in-focus"
-    role, photographer = standing.role_of(members), None if sharp else standing.photographer_of(members)
-    points = points_of(members)
-    kind = (key[2], "held-out focus" if held_out else "", "" if points is None else points.protocol)
-    scored = ", ".join(filter(None, kind))
-    return Board(
-        key,
-        name,
-        members[0].scene,
-        role,
-        photographer,
-        scored,
-        ", ".join(filter(None, (scored, ROLE_WORDS[role], PHOTOGRAPHER_WORDS[photographer]))),
-        sharp,
-        held_out,
-        "" if lenses is None else lens_words(lenses),
-        variants,
-        {
-            variant: variant_line(seeds, names, columns, standing.signs(role, seeds))
-            for variant, seeds in variants.items()
-        },
-        do_nothing_line(members, columns),
-    )
+def scene_mean(lines: Mapping[str, Line], scenes: Sequence[str], column: str) -> Statistic:
+    """Mean over scenes of one variant (scene -> its line); a gap unless every scene has a value."""
+    missing = [scene for scene in scenes if scene not in lines or lines[scene].cells[column].value is None]
+    if missing:
+        gaps = {(lines[scene].cells[column].failure, lines[scene].cells[column].reason) for scene in missing
+                if scene in lines}  # fmt: skip
+        if len(missing) == len(scenes) and len(gaps) == 1:
+            failure, reason = gaps.pop()  # missing on all scenes for the same reason
+            return Statistic(None, failure=failure, reason=reason)
+        absent = ", ".join(missing)
+        return Statistic(None, reason=f"no mean over an incomplete set: {absent} missing of {len(scenes)} scenes")
+    values = [lines[scene].cells[column].value for scene in scenes]
+    return Statistic(arithmetic_mean([value for value in values if value is not None]))
+
+
+def _scene_spread(seeds: Sequence[Sequence[Entry]], column: str) -> float | None:
+    """Sample standard deviation over seeds of the mean over scenes; None unless all scenes have the same seeds."""
+    by_scene = [{entry.spec.seed: entry.scores.get(column) for entry in own} for own in seeds]
+    common = sorted(by_scene[0])
+    if len(common) < 2 or any(sorted(own) != common for own in by_scene):
+        return None
+    rows = [[own[seed] for own in by_scene] for seed in common]
+    means = [arithmetic_mean([value for value in row if value is not None]) for row in rows if None not in row]
+    return statistics.stdev(means) if len(means) == len(common) and all(map(math.isfinite, means)) else None

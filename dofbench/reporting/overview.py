@@ -1,50 +1,74 @@
-"""The report's first screen: methods, datasets, times, and the best over scenes and on each dataset, with its lead and
-how sure that is."""
+"""The report's first screen: what was run, the best over scenes and on each dataset, its lead and how sure that is."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from dofbench.core.errors import Status
+from dofbench.datasets.format.points_record import points_in_words
 from dofbench.evaluation.results.collecting import Collection, Entry
 from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.methods.cards import find_method, method_files
-from dofbench.reporting import standing, table_cells
-from dofbench.reporting.boards import Board, Variant, by_kind, mean_lines
-from dofbench.reporting.how_made import commit_text, machine_text
-from dofbench.reporting.points_seen import points_facts
-from dofbench.reporting.summary import Line
-from dofbench.reporting.verdict import HEADLINES, verdicts
-from dofbench.reporting.view import Cell, Heading, Table
+from dofbench.reporting import standing
+from dofbench.reporting.boards import Board, Line, Variant, by_kind, mean_lines
+from dofbench.reporting.made import commit_text, machine_text
+from dofbench.reporting.statistics import Side, compare
+from dofbench.reporting.tables import Cell, Heading, Table, cells, difference, number, score, word_headings, words
 
+# What a row can be the best at, ranked by the first of the columns that a row has: refocusing, all-in-focus views, and
+# photographs of unknown lens or of another aperture.
+HEADLINES = (("psnr",), ("aif_psnr",), ("photo_psnr", "across_psnr"))
 _SCORED_ON = {"psnr": "refocused", "aif_psnr": "all in focus"}
 _PHOTOGRAPHS = "of photographs, fitted on half of each"
 _COSTS = {"train_s": "s of training", "render_fps": "frames/s"}
 
 
-def duration(seconds: float) -> str:
-    """A duration such as "2 h 05 min", "12 min" or "48 s"."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    minutes = round(seconds / 60)
-    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02d} min"
+@dataclass(frozen=True)
+class Verdict:
+    """The best variant by the mean of `column`. second: None if there is only one; ahead: their difference. sure: a
+    cell of kind sure or unsure if the two were tested view by view, else untested."""
+
+    column: str
+    best: Variant
+    second: Variant | None
+    ahead: float
+    sure: Cell
 
 
-def headline(collection: Collection) -> str:
-    """A summary of the page in one line."""
-    entries = collection.entries
-    methods, datasets = {entry.spec.method for entry in entries}, {entry.board[:2] for entry in entries}
-    parts = [
-        _count(len(entries), "run"),
-        _count(len(methods), "method"),
-        _count(len(datasets), "dataset"),
-        f"{duration(_trained(entries))} of training",
-    ]
-    days = sorted({entry.result.ended[:10] for entry in entries if entry.result})
-    if days:
-        parts.append(days[0] if days[0] == days[-1] else f"{days[0]} to {days[-1]}")
-    return " · ".join(parts)
+def verdicts(lines: Mapping[Variant, Line], boards: Sequence[Mapping[Variant, Side]]) -> Iterator[Verdict]:
+    """The verdict on each of `HEADLINES` that a row has a score of. lines: of one board, or means over several. boards:
+    the runs of each board's variants."""
+    for columns in HEADLINES:
+        for column in columns:
+            known = {variant: line.cells[column].value for variant, line in lines.items() if column in line.cells}
+            scored = [(-value, variant) for variant, value in known.items() if value is not None]
+            ranked = sorted(one for one in scored if not math.isnan(one[0]))
+            if len(ranked) == 1:
+                yield Verdict(column, ranked[0][1], None, 0.0, Cell("nothing to compare it with", "untested"))
+            elif ranked:
+                (first, best), (second, other) = ranked[:2]
+                sides = [(runs.get(best, ()), runs.get(other, ())) for runs in boards]
+                yield Verdict(column, best, other, second - first, _sure(column, sides))
+            if ranked:
+                break
+
+
+def _sure(column: str, sides: Sequence[tuple[Side, Side]]) -> Cell:
+    """How sure a lead is: the paired test over the test views of both variants."""
+    compared = compare(sides, column)
+    found = compared.difference
+    if found is None:
+        return Cell(f"not tested: {compared.reason}", "untested")
+    seeds = f"{found.seeds} seeds" if found.seeds > 1 else "one seed: the spread over seeds is unknown"
+    shown = difference(compared)
+    cell = replace(shown, text=f"over {found.pairs} test views, {seeds}; {shown.text}", sort=None)
+    if found.p is None:
+        return replace(cell, kind="untested", below="no test, as nothing differs")
+    if shown.test is not None and shown.test.verdict == "better":
+        return replace(cell, kind="sure")
+    return replace(cell, kind="unsure", below="not significant")
 
 
 def best_table(boards: Sequence[Board]) -> Table:
@@ -55,96 +79,88 @@ def best_table(boards: Sequence[Board]) -> Table:
             means = mean_lines(scenes, [*(column for columns in HEADLINES for column in columns), *_COSTS])
             rows += _rows(f"mean over {len(scenes)} scenes", kind, means, [board.variants for board in scenes])
     for board in boards:
-        rows += _rows(board.name, board.kind, board.lines, [board.variants]) or [_nobody(board)]
+        signs = standing.united(line.signs for line in board.lines.values())
+        nobody = cells(words(board.name, signs), board.kind, "none: every run failed, or none has a score")
+        rows += _rows(board.name, board.kind, board.lines, [board.variants]) or [(*nobody, *(Cell(""),) * 5)]
     headings = (
-        *table_cells.word_headings("dataset", "protocol", "best"),
+        *word_headings("dataset", "protocol", "best"),
         Heading("PSNR", note="refocused, all in focus, or of photographs", largest_first=True),
-        *table_cells.word_headings("ahead of"),
+        *word_headings("ahead of"),
         Heading("by", largest_first=True),
-        *table_cells.word_headings("how sure", "at what cost"),
+        *word_headings("how sure", "at what cost"),
     )
     below = standing.notes(line.signs for board in boards for line in board.lines.values())
     return Table("The best over scenes and of each dataset, by PSNR", headings, tuple(rows), below=below)
 
 
 def _rows(
-    name: str, kind: str, lines: dict[Variant, Line], boards: Sequence[dict[Variant, list[Entry]]]
+    name: str, kind: str, lines: Mapping[Variant, Line], boards: Sequence[Mapping[Variant, Side]]
 ) -> list[tuple[Cell, ...]]:
     """A row for everything that one can be the best at."""
-    signs = standing.united(line.signs for line in lines.values())
     rows: list[tuple[Cell, ...]] = []
     for found in verdicts(lines, boards):
         column, first = COLUMNS[found.column], lines[found.best]
-        shown = table_cells.score(first.cells[found.column], column)
+        psnr = replace(score(first.cells[found.column], column), unit="dB")
+        costs = [(column, text, first.cells[column].value) for column, text in _COSTS.items()]
         rival, ahead = Cell(""), Cell("")
-        if found.second is not None and found.ahead is not None:
-            rival = table_cells.words(lines[found.second].name, lines[found.second].signs)
-            ahead = table_cells.number(found.ahead, f"+{column.text(found.ahead)} {column.unit}".strip())
+        if found.second is not None:
+            rival = words(lines[found.second].name, lines[found.second].signs)
+            ahead = number(found.ahead, f"+{column.text(found.ahead)} {column.unit}".strip())
         rows.append(
             (
-                table_cells.words(name, signs),
-                table_cells.words(kind),
-                Cell(table_cells.signed(first.name, first.signs), sort=first.name, best=True),
-                replace(shown, unit="dB", below=_SCORED_ON.get(column.id, _PHOTOGRAPHS)),
+                words(name, standing.united(line.signs for line in lines.values())),
+                words(kind),
+                replace(words(first.name, first.signs), sort=first.name, best=True),
+                replace(psnr, below=_SCORED_ON.get(column.id, _PHOTOGRAPHS)),
                 rival,
                 ahead,
                 found.sure,
-                table_cells.words(_cost(first)),
+                words(", ".join(f"{COLUMNS[one].text(cost)} {text}" for one, text, cost in costs if cost is not None)),
             )
         )
     return rows
 
 
-def _nobody(board: Board) -> tuple[Cell, ...]:
-    signs = standing.united(line.signs for line in board.lines.values())
-    said = table_cells.words("none: every run failed, or none has a score")
-    return (table_cells.words(board.name, signs), table_cells.words(board.kind), said, *(Cell(""),) * 5)
-
-
-def _cost(line: Line) -> str:
-    """Such as "60 s of training, 24.1 frames/s"; what isn't known is left out."""
-    known = [(COLUMNS[column], line.cells[column].value, says) for column, says in _COSTS.items()]
-    return ", ".join(f"{column.text(value)} {says}" for column, value, says in known if value is not None)
+def headline(collection: Collection) -> str:
+    """A summary of the page in one line."""
+    entries = collection.entries
+    methods, datasets = {entry.spec.method for entry in entries}, {entry.board[:2] for entry in entries}
+    counts = (_count(len(entries), "run"), _count(len(methods), "method"), _count(len(datasets), "dataset"))
+    days = sorted({entry.result.ended[:10] for entry in entries if entry.result})
+    dates = list(dict.fromkeys((days[0], days[-1]))) if days else []
+    return " · ".join(filter(None, (*counts, f"{duration(_trained(entries))} of training", " to ".join(dates))))
 
 
 def facts(collection: Collection, boards: Sequence[Board]) -> tuple[tuple[str, tuple[str, ...]], ...]:
-    """(term, lines) on what was run, on which datasets, how long it took, and what failed; terms without lines are left
-    out."""
-    entries = collection.entries
-    failed = [entry for entry in entries if entry.status is not Status.OK]
-    found = [
-        ("What was run", [_method_words(method, entries) for method in sorted({e.spec.method for e in entries})]),
-        (
-            "On what",
-            [
-                f"{board.name} ({board.scene}): {_views(board)}; {board.kind}, trained on {board.trained_on}"
-                for board in boards
-            ],
-        ),
-        ("What methods start from", points_facts([(board.name, board.members) for board in boards])),
-        ("How long it took", [_time_words(entries)]),
-        ("Seeds", [_seed_words(boards)]),
-        (
-            "What failed",
-            [
-                f"{entry.spec.method} {entry.preset} on {entry.spec.dataset}, seed {entry.spec.seed}: "
-                f"{entry.status}: {entry.message}"
-                for entry in failed
-            ]
-            or ["nothing"],
-        ),
-        (
-            "Not counted",
-            [
-                *(f"{folder}: a run is at work there" for folder in collection.running),
-                *(f"{folder}: a copy of another result" for folder in collection.doubles),
-                *(f"unreadable: {problem}" for problem in collection.unreadable),
-            ],
-        ),
-        ("Machine", list(dict.fromkeys(machine_text(entry.result) for entry in entries if entry.result))),
-        ("Code", list(dict.fromkeys(f"commit {commit_text(entry.result)}" for entry in entries if entry.result))),
+    """(term, lines) on what was run, on which datasets, how long it took, and what failed; terms without lines are
+    omitted."""
+    entries, points = collection.entries, dict[str, list[str]]()
+    for board in boards:
+        points.setdefault(points_in_words(board.points), []).append(board.name)
+    results = [entry.result for entry in entries if entry.result]
+    failed = [
+        f"{entry.spec.method} {entry.preset} on {entry.spec.dataset}, seed {entry.spec.seed}: {entry.status}: "
+        f"{entry.message}"
+        for entry in entries
+        if entry.status is not Status.OK
     ]
-    return tuple((term, tuple(lines)) for term, lines in found if lines)
+    uncounted = [
+        *(f"{folder}: a run is at work there" for folder in collection.running),
+        *(f"{folder}: a copy of another result" for folder in collection.doubles),
+        *(f"unreadable: {problem}" for problem in collection.unreadable),
+    ]
+    found = {
+        "Methods": [_method_words(method, entries) for method in sorted({entry.spec.method for entry in entries})],
+        "Datasets": list(map(_board_words, boards)),
+        "Points and poses": [f"{', '.join(dict.fromkeys(names))}: {text}" for text, names in points.items()],
+        "Time": [_time_words(entries)],
+        "Seeds": [_seed_words(boards)],
+        "Failed": failed or ["nothing"],
+        "Not counted": uncounted,
+        "Machine": list(dict.fromkeys(map(machine_text, results))),
+        "Code": list(dict.fromkeys(f"commit {commit_text(result)}" for result in results)),
+    }
+    return tuple((term, tuple(lines)) for term, lines in found.items() if lines)
 
 
 def _method_words(method: str, entries: Sequence[Entry]) -> str:
@@ -154,24 +170,22 @@ def _method_words(method: str, entries: Sequence[Entry]) -> str:
     return f"{method} ({_count(len(presets), 'preset')}: {shown}){about}"
 
 
-def _views(board: Board) -> str:
+def _board_words(board: Board) -> str:
     plan = next((entry.result.plan for entry in board.members if entry.result), None)
-    return "unknown views" if plan is None else f"{plan['train_views']} training and {plan['test_views']} test views"
+    views = f"{plan['train_views']} training and {plan['test_views']} test views" if plan else "unknown views"
+    lenses = f" of {board.lenses.removeprefix('trained on ')}" if board.lenses else ""
+    trained = "all-in-focus images" if board.sharp else f"images with defocus{lenses}"
+    return f"{board.name} ({board.scene}): {views}; {board.kind}, trained on {trained}"
 
 
 def _time_words(entries: Sequence[Entry]) -> str:
-    whole = sum(stage.wall for entry in entries if entry.result for stage in entry.result.stages.values())
-    cpu = sum(entry.result.stages["train"].cpu for entry in entries if entry.result and "train" in entry.result.stages)
-    cold = sum(
-        entry.result.stages[stage].wall
-        for entry in entries
-        if entry.result
-        for stage in ("import", "warm up")
-        if stage in entry.result.stages
-    )
+    stages = [(stage, time) for entry in entries if entry.result for stage, time in entry.result.stages.items()]
+    whole = sum(time.wall for _, time in stages)
+    cpu = sum(time.cpu for stage, time in stages if stage == "train")
+    cold = sum(time.wall for stage, time in stages if stage in ("import", "warm up"))
     return (
-        f"training {duration(_trained(entries))} wall, {duration(cpu)} CPU; cold start {duration(cold)}; "
-        f"everything with scoring {duration(whole)}"
+        f"training {duration(_trained(entries))} wall, {duration(cpu)} CPU; imports and JIT compilation "
+        f"{duration(cold)}; everything with scoring {duration(whole)}"
     )
 
 
@@ -182,9 +196,17 @@ def _trained(entries: Sequence[Entry]) -> float:
 def _seed_words(boards: Sequence[Board]) -> str:
     counts = sorted({len(seeds) for board in boards for seeds in board.variants.values()})
     if counts == [1]:
-        return "one a row: no spread is known, so small differences say nothing"
-    span = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    return f"{span} a row; cells are mean ± sample standard deviation over them"
+        return "one per row: the spread is unknown, so small differences mean nothing"
+    span = " to ".join(map(str, dict.fromkeys((counts[0], counts[-1]))))
+    return f"{span} per row; cells are mean ± sample standard deviation over them"
+
+
+def duration(seconds: float) -> str:
+    """A duration such as "2 h 05 min", "12 min" or "48 s"."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
 def _count(number: int, thing: str) -> str:

@@ -15,23 +15,21 @@ from dofbench.evaluation.results.protocol import AIF_PREFIX
 
 T = TypeVar("T")
 
-# Said wherever a figure of theirs stands beside ours.
-OF_THEIR_SSIM = (
-    "The paper's SSIM has a uniform window of 7 pixels (by the script that its authors released), SSIM here a "
-    "Gaussian one of 11: they differ, so compare the paper's with the column SSIM, uniform window 7, alone, which "
+_OF_THEIR_SSIM = (
+    " The paper's SSIM has a uniform window of 7 pixels (by the script that its authors released), SSIM here a "
+    "Gaussian one of 11: compare the paper's with the column SSIM, uniform window 7, alone, which "
     "`dofbench score --metrics ssim_uniform7,aif_ssim_uniform7` adds to older results."
 )
 
 
-def names_their_ssim(columns: Iterable[str]) -> bool:
-    """Whether a table's columns from the paper have its SSIM."""
-    return any(column.removeprefix(AIF_PREFIX) == "ssim_uniform7" for column in columns)
+def ssim_note(columns: Iterable[str]) -> str:
+    """A sentence on the paper's SSIM, wherever a table's columns from the paper have it."""
+    return _OF_THEIR_SSIM if any(column.removeprefix(AIF_PREFIX) == "ssim_uniform7" for column in columns) else ""
 
 
 @dataclass(frozen=True)
 class Figures:
-    """One printed table. means: method -> score -> value; scenes: the same by scene. Only printed values are
-    included."""
+    """One printed table. means: method -> score -> value; scenes: the same by scene."""
 
     source: str
     data: str

@@ -1,8 +1,8 @@
-"""Writes the whole report: reads the results, draws plots, builds the report's data, and calls the writers."""
+"""Writes the whole report: reads the results, draws figures, builds the page's data, and renders the templates."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,23 +10,21 @@ from pathlib import Path
 from rich.console import Console
 
 from dofbench.core.errors import InputError
-from dofbench.core.files import write_text
+from dofbench.core.files import write_csv, write_text
 from dofbench.core.progress import say
 from dofbench.evaluation.figures import file_name
-from dofbench.evaluation.results.collecting import board_names, collect, variant_names
-from dofbench.evaluation.results.columns import COLUMNS
-from dofbench.reporting.ablations.document_files import read_documents
-from dofbench.reporting.boards import Board, gather
-from dofbench.reporting.build_report import Key, build_report
-from dofbench.reporting.comparison import write_strip
-from dofbench.reporting.csv_writer import write_records
-from dofbench.reporting.curves import write_curves
-from dofbench.reporting.gallery import BoardPictures, gallery
-from dofbench.reporting.html.html_page import report_page
-from dofbench.reporting.markdown_report import leaderboard_markdown
-from dofbench.reporting.plots import make_plots, mean_plots
+from dofbench.evaluation.results.collecting import collect, variant_names
+from dofbench.reporting import csv_files
+from dofbench.reporting.ablation import read_documents
+from dofbench.reporting.boards import gather
+from dofbench.reporting.curves import board_plots, mean_plots
+from dofbench.reporting.draw import write_curves, write_strip
+from dofbench.reporting.pairs import comparison_rows, mean_pairs, pairwise
+from dofbench.reporting.pictures import gallery
+from dofbench.reporting.render import html, markdown
 from dofbench.reporting.report_options import Report
-from dofbench.reporting.view import Picture
+from dofbench.reporting.timing import curve_view, front_rows, reach_rows
+from dofbench.reporting.view import build_view, page_data
 
 
 @dataclass(frozen=True)
@@ -48,72 +46,75 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
     """Write leaderboard.csv, per_view.csv, curves.csv, comparisons.csv, reach.csv, pareto.csv, times.csv, curves/,
     comparison/, leaderboard.md and report.html.
 
-    The same results give the same files, byte for byte. A result that can't be read is skipped and
-    named. Raises InputError when there is no result at all or none of a method to compare with, or no table
-    in a folder of ablations.
+    The same results give the same files, byte for byte. A result that can't be read is skipped and named. Raises
+    InputError when there is no result at all or none of a method to compare with, or no table in a folder of ablations.
     """
-    console = console or Console()
+    tell = partial(say, console or Console())
     collection, out = collect(settings.results, *settings.merge), settings.out
     ablations = read_documents(settings.ablation) if settings.ablation is not None else ()
-
-    tell = partial(say, console)
-
-    for problem in collection.unreadable:
-        tell(f"skipped: {problem}")
-    for folder in collection.running:
-        tell(f"not counted, a run is at work there: {folder}")
-    for folder in collection.doubles:
-        tell(f"not counted, a copy of another result: {folder}")
-
+    for said, places in (
+        ("skipped", collection.unreadable),
+        ("not counted, a run is at work there", collection.running),
+        ("not counted, a copy of another result", collection.doubles),
+    ):
+        for place in places:
+            tell(f"{said}: {place}")
     entries = collection.entries
     there = sorted({entry.spec.method for entry in entries})
     for method in settings.rivals:
         if method not in there:
             raise InputError("--against", repr(method), f"methods with results here: {', '.join(there)}")
-    boards = gather(entries)
-    plots = make_plots(entries, variant_names(entries), board_names(entries), settings.levels)
-    pictures = gallery(boards) if settings.pictures else None
+
+    boards, names = gather(entries), variant_names(entries)
+    order: list[tuple[str, ...]] = [entry.board for entry in entries]  # of the CSV files
+    plots = board_plots(sorted(boards, key=lambda board: order.index(board.key)), names, settings.levels)
     means = mean_plots(boards, plots, settings.levels)
+    pairs = {board.key: pairwise([board.variants], settings.rivals) for board in boards}
+    of_means = mean_pairs(boards, settings.rivals)
+    tables: dict[str, tuple[Sequence[str], Iterator[csv_files.Row]]] = {
+        "leaderboard": (csv_files.run_columns(entries), csv_files.run_rows(entries)),
+        "per_view": (csv_files.view_columns(entries), csv_files.view_rows(entries)),
+        "curves": (csv_files.CURVE_COLUMNS, csv_files.curve_rows(entries)),
+        "comparisons": (csv_files.COMPARISON_COLUMNS, comparison_rows(boards, pairs, of_means, names)),
+        "reach": (csv_files.REACH_COLUMNS, reach_rows(plots)),
+        "pareto": (csv_files.FRONT_COLUMNS, front_rows((*plots, *means))),
+        "times": (csv_files.TIMES_COLUMNS, csv_files.time_rows(entries)),
+    }
+    files = [out / f"{name}.csv" for name in tables]
+    for file, (columns, rows) in zip(files, tables.values(), strict=True):
+        write_csv(file, columns, rows)
+
     drawn = write_curves(out / "curves", (*means, *plots))
-    strips = _strips(out, boards, pictures, tell) if pictures is not None else {}
-    view = build_report(
-        collection,
-        boards,
-        plots,
-        means=means,
-        drawn={
-            (board, column): Picture(f"curves/{files[0].name}", f"{COLUMNS[column].label} against training time")
-            for (board, column), files in drawn.items()
-        },
-        strips={
-            board: Picture(f"comparison/{strip.name}", "truth, predictions and errors")
-            for board, strip in strips.items()
-        },
-        against=settings.rivals,
-        ablations=ablations,
-        pictures=pictures,
-    )
-    files = [write_records(out, records) for records in view.records]
     files += [file for paths in drawn.values() for file in paths]
-    files += strips.values()
-    for name, text in (("leaderboard.md", leaderboard_markdown(view)), ("report.html", report_page(view))):
-        write_text(out / name, text)
-        files.append(out / name)
-    for file in files:
-        tell(f"wrote {file}")
-    return Written(tuple(files), collection.unreadable)
-
-
-def _strips(
-    out: Path, boards: Sequence[Board], pictures: Sequence[BoardPictures], tell: Callable[[str], None]
-) -> dict[Key, Path]:
-    """Board -> its strip of pictures. A strip that can't be made is reported through `say`."""
+    pictures = [gallery(board) for board in boards] if settings.pictures else []
     strips = {}
-    for board, shown in zip(boards, pictures, strict=True):
+    for board, shown in zip(boards, pictures, strict=False):
         strip = out / "comparison" / f"{file_name(board.name, board.protocol)}.png"
         trouble = write_strip(strip, shown)
         if trouble is None:
             strips[board.key] = strip
         else:
             tell(f"no pictures of {board.name}, {board.protocol}: {trouble}")
-    return strips
+    files += strips.values()
+    view = build_view(
+        collection,
+        boards,
+        curves=[curve_view(plot, _linked(drawn.get((plot.board, plot.column)))) for plot in plots],
+        mean_curves=[curve_view(plot, _linked(drawn.get((plot.board, plot.column)))) for plot in means],
+        pairs=pairs,
+        of_means=of_means,
+        strips={board: _linked([strip]) for board, strip in strips.items()},
+        gallery=pictures,
+        ablations=ablations,
+    )
+    files += [out / "leaderboard.md", out / "report.html"]
+    write_text(files[-2], markdown("leaderboard.md", view=view))
+    write_text(files[-1], html("report.html", view=view, **page_data(view)))
+    for file in files:
+        tell(f"wrote {file}")
+    return Written(tuple(files), collection.unreadable)
+
+
+def _linked(files: Sequence[Path] | None) -> str:
+    """The first file's place in the report's folder; "" without one."""
+    return f"{files[0].parent.name}/{files[0].name}" if files else ""

@@ -18,18 +18,18 @@ class Report:
     out: Path = Path("reports/leaderboard")
     """Folder to write to."""
     pictures: bool = True
-    """Write strips of photographs and predictions; --no-pictures leaves them out, for example if the photographs may
-    not be published."""
+    """Show truths, predictions and errors; --no-pictures skips them, for example if the images may not be
+    published."""
     reach: str = ""
     """Levels for the tables of time to reach a score, comma-separated: psnr=30,delta_f=0.01. For other scores, levels
     are chosen from the data."""
     against: str = ""
-    """Methods that every other is compared with view by view, comma-separated: 3dgs,nerf. Up to eight are compared with
-    each other anyway; of more, each with the best."""
+    """Methods that every other is compared with view by view, comma-separated: 3dgs,nerf. Default: up to eight are all
+    compared with each other; of more, each with the best."""
     ablation: Path | None = None
-    """Folder of tables written by `dofbench ablate`, which are shown in report.html too."""
+    """Folder of tables written by `dofbench ablate`, to show in report.html."""
     merge: tuple[Path, ...] = ()
-    """Further folders of results, as other machines made them. A run that lies in several counts once."""
+    """Further folders of results, from other machines. A run that is in several counts once."""
 
     def __post_init__(self) -> None:
         self.levels  # noqa: B018 - raises InputError for a wrong level before any result is read
@@ -40,7 +40,7 @@ class Report:
         if not self.reach:
             return {}
         # Imported here because it loads numpy, which the help doesn't need
-        from dofbench.reporting.reach import parse_levels
+        from dofbench.reporting.curves import parse_levels
 
         return parse_levels(self.reach)
 

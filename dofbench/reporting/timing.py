@@ -1,163 +1,131 @@
-"""Error against run time: the Pareto front and times to reach a score, as parts of the page and as CSV records."""
+"""Scores against training time: the Pareto front and times to reach a score, as tables and as CSV rows."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 from dofbench.core.evidence import ROLE_NOT_STATED
-from dofbench.reporting import standing, table_cells
-from dofbench.reporting.pareto import spans
-from dofbench.reporting.plots import Plot
-from dofbench.reporting.reach import LEVEL_RULE, RULE, level_text, reach_cell, run_reached, seconds_text
-from dofbench.reporting.records import Records
-from dofbench.reporting.report_view import CurveView
-from dofbench.reporting.view import Cell, Heading, Paragraph, Picture, Table
+from dofbench.reporting import standing
+from dofbench.reporting.curves import Plot, reach_cell, reached, seconds_text, spans
+from dofbench.reporting.tables import Cell, Heading, Table, number, words
 
-TIME_RULE = "Training time is wall time with the clock stopped while scoring; compiling kernels isn't in it"
-FRONT_RULE = (
-    "The Pareto front holds the scored moments (medians over seeds) that no other method or preset beats: none is as "
-    "early and as good"
+RULE = (
+    "A score counts as reached at the first scored moment that shows it, without interpolation: the time is an upper "
+    "bound, and reach.csv has the moment scored before. Over seeds it is the median and the range; a run that failed, "
+    "or never reached the score, counts as later than every other."
 )
-REACH_COLUMNS = (
-    "method",
-    "preset",
-    "dataset",
-    "scene",
-    "protocol",
-    "seed",
-    "score",
-    "level",
-    "reached_s",
-    "not_before_s",
-    "held",
-    "status",
-    "role",
-)
-FRONT_COLUMNS = ("dataset", "protocol", "score", "train_s", "value", "method", "preset", "role")
 
 
-def curve_view(plot: Plot, picture: Picture | None) -> CurveView:
-    """A plot with the tables below it: the Pareto front, and the times to reach its levels."""
+@dataclass(frozen=True)
+class CurveView:
+    """One score against training time. picture: file of the drawing, "" without one. front_words: the Pareto front in
+    one sentence. reach: None if no score changed. front: the front as a table."""
+
+    title: str
+    plot: Plot
+    picture: str
+    front_words: str
+    reach: Table | None
+    front: Table | None
+
+
+def curve_view(plot: Plot, picture: str) -> CurveView:
+    """A plot with its tables: the Pareto front, and the times to reach its levels."""
     title = f"{plot.score.label} on {plot.dataset}, {plot.protocol}"
-    front = plot.front
-    return CurveView(
-        title,
-        plot,
-        picture,
-        _front_words(plot) if front else "",
-        _reach_table(plot, title) if plot.levels else None,
-        _front_table(plot, title) if front else None,
-    )
+    reach = _reach_table(plot, title) if plot.levels else None
+    front = _front_table(plot, title) if plot.front else None
+    return CurveView(title, plot, picture, _front_words(plot), reach, front)
 
 
-def curve_rules(plots: Iterable[Plot]) -> Paragraph:
+def curve_rules(plots: Iterable[Plot]) -> str:
     """A paragraph that explains times, levels and fronts."""
-    chosen = any(plot.chosen for plot in plots)
-    levels = f"{LEVEL_RULE}; where `--reach` gave levels, they are those." if chosen else f"{LEVEL_RULE}."
-    return Paragraph(f"{TIME_RULE}. {RULE} {levels} {FRONT_RULE}.")
+    chosen = "; where `--reach` gave levels, they are those" if any(plot.chosen for plot in plots) else ""
+    return (
+        "Training time is wall time; the clock is stopped while scoring, and JIT compilation is excluded. "
+        f"{RULE} The levels are 50 %, 80 % and 95 % of the way from the worst first score of any run to the best of "
+        f"any method (median over its seeds), each rounded to the easier side{chosen}. The Pareto front holds the "
+        "scored moments (medians over seeds) that no other method or preset beats: none is as early and as good."
+    )
 
 
 def _front_words(plot: Plot) -> str:
     """A sentence such as "Pareto front: A from 0.2 s (12.1 dB), B from 31 s (25.0 dB) to 412 s (31.2 dB)."."""
-    held = spans(plot.front)
-    unit = f" {plot.score.unit}" if plot.score.unit else ""
-    parts = [
-        f"{table_cells.signed(series.name, series.signs)} from {seconds_text(span.first[0])} "
-        f"({plot.score.text(span.first[1])}{unit})"
-        for span in held
-        if (series := plot.series[span.series])
-    ]
-    end = held[-1].last
-    until = "" if end == held[-1].first else f" to {seconds_text(end[0])} ({plot.score.text(end[1])}{unit})"
-    return f"Pareto front: {', '.join(parts)}{until}."
+    if not plot.front:
+        return ""
+
+    def moment(point: tuple[float, float]) -> str:
+        return f"{seconds_text(point[0])} ({f'{plot.score.text(point[1])} {plot.score.unit}'.strip()})"
+
+    held = list(spans(plot.front))
+    parts = ", ".join(f"{plot.series[span.series].label} from {moment(span.first)}" for span in held)
+    last = held[-1]
+    return f"Pareto front: {parts}{'' if last.last == last.first else f' to {moment(last.last)}'}."
 
 
 def _reach_table(plot: Plot, title: str) -> Table:
-    headings = (
-        Heading("time to reach", words=True),
-        *(Heading(level_text(plot.column, level)) for level in plot.levels),
-    )
+    score, sign = plot.score, "≥" if plot.higher_is_better else "≤"
+    headings = [Heading(f"{score.label} {sign} {level:g} {score.unit}".strip()) for level in plot.levels]
     rows = []
     for series in plot.series:
-        cells = [reach_cell(series, level, higher_is_better=plot.higher_is_better) for level in plot.levels]
-        rows.append(
-            (
-                table_cells.words(series.name, series.signs),
-                *(Cell(cell.text, "number", cell.median if math.isfinite(cell.median) else None) for cell in cells),
-            )
-        )
+        found = [reach_cell(series, level, higher_is_better=plot.higher_is_better) for level in plot.levels]
+        times = [Cell(one.text, "number", one.median if math.isfinite(one.median) else None) for one in found]
+        rows.append((words(series.name, series.signs), *times))
     below = standing.notes(series.signs for series in plot.series)
-    return Table(f"Training time to reach a score: {title}", headings, tuple(rows), below=below)
+    first = Heading("time to reach", words=True)
+    return Table(f"Training time to reach a score: {title}", (first, *headings), tuple(rows), below=below)
 
 
 def _front_table(plot: Plot, title: str) -> Table:
-    headings = (
-        Heading("from"),
-        Heading("to"),
-        Heading("held by", words=True),
-        Heading(f"{plot.score.label} there"),
-        Heading("until"),
-    )
-    rows = []
+    rows, signs = [], []
     for span in spans(plot.front):
-        (start, low), (end, high) = span.first, span.last
-        rows.append(
-            (
-                table_cells.number(start, seconds_text(start)),
-                table_cells.number(end, seconds_text(end)),
-                table_cells.words(plot.series[span.series].name, plot.series[span.series].signs),
-                table_cells.number(low, plot.score.text(low)),
-                table_cells.number(high, plot.score.text(high)),
-            )
-        )
-    caption = f"Pareto front of {title}: who is best at which training time"
-    below = standing.notes(plot.series[span.series].signs for span in spans(plot.front))
-    return Table(caption, headings, tuple(rows), names=0, below=below)
+        series, ((start, low), (end, high)) = plot.series[span.series], (span.first, span.last)
+        times, scores = (number(start, seconds_text(start)), number(end, seconds_text(end))), (low, high)
+        rows.append((*times, words(series.name, series.signs), *(number(one, plot.score.text(one)) for one in scores)))
+        signs.append(series.signs)
+    texts = ("from", "to", "best", f"{plot.score.label} there", "until")
+    headings = tuple(Heading(text, words=text == "best") for text in texts)
+    caption = f"Pareto front of {title}: best method by training time"
+    return Table(caption, headings, tuple(rows), names=0, below=standing.notes(signs))
 
 
-def reach_records(plots: Iterable[Plot]) -> Records:
+def reach_rows(plots: Iterable[Plot]) -> Iterator[dict[str, object]]:
     """One row for every run and level. reached_s is empty if the level wasn't reached; the true time lies between
     not_before_s and reached_s."""
-    return Records("reach.csv", REACH_COLUMNS, tuple(row for plot in plots for row in _reach_rows(plot)))
+    for plot in plots:
+        for series in plot.series:
+            for run in series.runs:
+                for level in plot.levels:
+                    found = reached(run, level, higher_is_better=plot.higher_is_better)
+                    yield {
+                        "method": series.method,
+                        "preset": series.preset,
+                        "dataset": plot.dataset,
+                        "scene": plot.scene,
+                        "protocol": plot.protocol,
+                        "seed": run.seed,
+                        "score": plot.column,
+                        "level": level,
+                        "reached_s": found.time,
+                        "not_before_s": None if found.time is None else found.before,
+                        "held": "" if found.time is None else "yes" if found.held else "no",
+                        "status": str(run.status),
+                        "role": plot.role or ROLE_NOT_STATED,
+                    }
 
 
-def front_records(plots: Iterable[Plot]) -> Records:
+def front_rows(plots: Iterable[Plot]) -> Iterator[dict[str, object]]:
     """One row for every point of every front."""
-    rows = tuple(
-        {
-            "dataset": plot.dataset,
-            "protocol": plot.protocol,
-            "score": plot.column,
-            "train_s": point.time,
-            "value": point.score,
-            "method": plot.series[point.series].method,
-            "preset": plot.series[point.series].preset,
-            "role": plot.role or ROLE_NOT_STATED,
-        }
-        for plot in plots
-        for point in plot.front
-    )
-    return Records("pareto.csv", FRONT_COLUMNS, rows)
-
-
-def _reach_rows(plot: Plot) -> Iterator[dict[str, object]]:
-    for series in plot.series:
-        for run in series.runs:
-            for level in plot.levels:
-                found = run_reached(run, level, higher_is_better=plot.higher_is_better)
-                yield {
-                    "method": series.method,
-                    "preset": series.preset,
-                    "dataset": plot.dataset,
-                    "scene": plot.scene,
-                    "protocol": plot.protocol,
-                    "seed": run.seed,
-                    "score": plot.column,
-                    "level": level,
-                    "reached_s": found.time,
-                    "not_before_s": None if found.time is None else found.before,
-                    "held": "" if found.time is None else "yes" if found.held else "no",
-                    "status": str(run.status),
-                    "role": plot.role or ROLE_NOT_STATED,
-                }
+    for plot in plots:
+        for point in plot.front:
+            yield {
+                "dataset": plot.dataset,
+                "protocol": plot.protocol,
+                "score": plot.column,
+                "train_s": point.time,
+                "value": point.score,
+                "method": plot.series[point.series].method,
+                "preset": plot.series[point.series].preset,
+                "role": plot.role or ROLE_NOT_STATED,
+            }

@@ -1,140 +1,160 @@
-"""The content of a report independent of its format: tables, lists and sections as plain data.
-
-The data are final: numbers are rounded text, verdicts are words, the best of a column is marked, a gap has its reason.
-The writers (`markdown_writer`, `html`, `csv_writer`) only format them and compute nothing, so their contents always
-agree.
-
-The text of a `Paragraph`, of `Items` and of the lines below a table may hold `code`, *emphasis* and **strong**; every
-other text is plain.
-"""
+"""The whole content of a report as plain data for the templates."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any
 
-GAP = "–"
+from dofbench.evaluation.results.collecting import Collection, variant_names
+from dofbench.evaluation.scoring.error_maps import FULL_SCALE
+from dofbench.evaluation.scoring.resolved import FULL_SCALE as RESOLVED_SCALE
+from dofbench.reporting import layouts, overview, sections
+from dofbench.reporting.boards import Board, by_kind, score_columns
+from dofbench.reporting.curves import Plot, Point, Series
+from dofbench.reporting.made import run_table, stage_table
+from dofbench.reporting.pairs import HEADING, TESTED, Pair, with_the_best
+from dofbench.reporting.pictures import BoardPictures, packed
+from dofbench.reporting.statistics import EXPLANATION
+from dofbench.reporting.tables import Section, Table
+from dofbench.reporting.timing import CurveView, curve_rules
 
-# Kinds of cells. number: a figure. gap: no figure, with a reason. failed: no figure, because a run failed. words: text.
-# published: a figure that authors published. sure, unsure, untested: a statement that a test confirms, doesn't confirm,
-# or that wasn't tested.
-Kind = Literal["number", "gap", "failed", "words", "published", "sure", "unsure", "untested"]
-
-
-@dataclass(frozen=True)
-class DifferenceTest:
-    """The statistics of a difference, as text. interval: such as "[+0.12, +0.50]", "" with too few views. p: such as "p
-    = 0.003", "" if there is nothing to test. verdict: better, worse, more, less, or "" if the difference isn't
-    significant. one_seed: whether one of the sides was trained only once. pairs: number of paired differences. spread:
-    their sample standard deviation, "" for a single pair."""
-
-    interval: str
-    p: str
-    verdict: str
-    one_seed: bool
-    pairs: int
-    spread: str
+Key = tuple[str, ...]  # identifies a board
 
 
 @dataclass(frozen=True)
-class Cell:
-    """One cell of a table.
+class BoardView:
+    """One dataset under one protocol. strip: file of truth, predictions and errors as one picture, "" without."""
 
-    text: as shown. sort: sort key; None sorts last in both directions. spread: the number after ±, "" without. best:
-    whether the cell is the best of its column. reason: why a gap or failure has no number. code: shown as code instead
-    of the text. unit: shown after the spread if the heading doesn't have it. below: a second line in small print. test:
-    statistics of a difference.
+    section: Section
+    curves: tuple[CurveView, ...]
+    strip: str
+
+
+@dataclass(frozen=True)
+class ReportView:
+    """The whole content of a report, for the templates.
+
+    headline: one line. best: the best over scenes and of each board. facts: (term, lines). boards, means, mean_curves:
+    every score, by dataset and as means over scenes, with their curves. layouts: tables as the paper lays them out.
+    explanations: how differences are tested, published figures; columns: explanations of the scores. added: scores that
+    were computed after the runs. runs, machines, stages: how each run was made. gallery: pictures of the test views.
     """
 
-    text: str
-    kind: Kind = "words"
-    sort: float | str | None = None
-    spread: str = ""
-    best: bool = False
-    reason: str = ""
-    code: tuple[str, ...] = ()
-    unit: str = ""
-    below: str = ""
-    test: DifferenceTest | None = None
+    headline: str
+    best: Table
+    facts: tuple[tuple[str, tuple[str, ...]], ...]
+    boards: tuple[BoardView, ...]
+    means: tuple[Section, ...]
+    mean_curves: tuple[CurveView, ...]
+    curve_rules: str
+    layouts: tuple[Section, ...]
+    explanations: tuple[Section, ...]
+    columns: Section
+    added: tuple[Section, ...]
+    runs: Table
+    machines: tuple[str, ...]
+    stages: Table
+    unreadable: tuple[str, ...]
+    gallery: Sequence[BoardPictures] = ()
+    ablations: Sequence[Section] = ()
+
+    @property
+    def curves(self) -> tuple[CurveView, ...]:
+        """All curves in the page's order, in which its script knows them too."""
+        return (*self.mean_curves, *(curve for board in self.boards for curve in board.curves))
 
 
-@dataclass(frozen=True)
-class Heading:
-    """The heading of a column. group: a heading above it, shared with neighbouring columns. note: explanation of the
-    column. largest_first: direction of the first sort. words: whether its cells are text. published: whether its
-    figures were published by authors. wide: whether the column is shown only by writers with room for many columns."""
-
-    text: str
-    group: str = ""
-    note: str = ""
-    largest_first: bool = False
-    words: bool = False
-    published: bool = False
-    wide: bool = False
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table. names: number of leading cells that name a row. below: lines below the table, such as those on columns
-    that it leaves out."""
-
-    caption: str
-    headings: tuple[Heading, ...]
-    rows: tuple[tuple[Cell, ...], ...]
-    names: int = 1
-    below: tuple[str, ...] = ()
-    type: Literal["table"] = "table"
-
-
-@dataclass(frozen=True)
-class Paragraph:
-    """Running text."""
-
-    text: str
-    type: Literal["paragraph"] = "paragraph"
-
-
-@dataclass(frozen=True)
-class Items:
-    """A list, one line each."""
-
-    items: tuple[str, ...]
-    type: Literal["items"] = "items"
-
-
-@dataclass(frozen=True)
-class Command:
-    """A command line, to be copied."""
-
-    text: str
-    type: Literal["command"] = "command"
+def build_view(
+    collection: Collection,
+    boards: Sequence[Board],
+    *,
+    pairs: Mapping[Key, Sequence[Pair]],
+    of_means: Mapping[str, Sequence[Pair]],
+    curves: Sequence[CurveView] = (),
+    mean_curves: Sequence[CurveView] = (),
+    strips: Mapping[Key, str] = {},
+    gallery: Sequence[BoardPictures] = (),
+    ablations: Sequence[Section] = (),
+) -> ReportView:
+    """The content of a report. pairs: `pairwise` of each board, by its key. of_means: `mean_pairs`. strips: board ->
+    file of its strip of pictures. gallery: pictures of test views."""
+    entries = collection.entries
+    columns, names = score_columns(entries), variant_names(entries)
+    several = {board.key for scenes in by_kind(boards).values() if len(scenes) > 1 for board in scenes}
+    views = []
+    for board in boards:
+        own = with_the_best(pairs[board.key], len(board.variants)) if board.key in several else pairs[board.key]
+        timed = tuple(curve for curve in curves if curve.plot.board == board.key)
+        views.append(BoardView(sections.board_section(board, columns, names, own), timed, strips.get(board.key, "")))
+    runs, machines = run_table(entries, boards)
+    compared = any(one.title == HEADING for view in views for one in view.section.sections)
+    tested, claims = Section(TESTED, (EXPLANATION,)) if compared else None, sections.claims_section(entries)
+    return ReportView(
+        headline=overview.headline(collection),
+        best=overview.best_table(boards),
+        facts=overview.facts(collection, boards),
+        boards=tuple(views),
+        means=sections.mean_sections(boards, columns, names, of_means),
+        mean_curves=tuple(mean_curves),
+        curve_rules=curve_rules([curve.plot for curve in (*curves, *mean_curves)]),
+        layouts=layouts.layout_sections(boards),
+        explanations=tuple(section for section in (tested, claims) if section is not None),
+        columns=sections.column_section(columns),
+        added=tuple(filter(None, (sections.added_section(entries),))),
+        runs=runs,
+        machines=machines,
+        stages=stage_table(entries, boards),
+        unreadable=collection.unreadable,
+        gallery=gallery,
+        ablations=ablations,
+    )
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A picture by its file. file: relative to the report's folder. says: description of the picture."""
-
-    file: str
-    says: str
-    type: Literal["picture"] = "picture"
-
-
-@dataclass(frozen=True)
-class Section:
-    """A title with its blocks."""
-
-    title: str
-    blocks: tuple[Block, ...]
-    type: Literal["section"] = "section"
+def page_data(view: ReportView) -> dict[str, Any]:
+    """What the page's script reads, and the words on its pictures."""
+    shown = packed(view.gallery)
+    plots = [plot_data(curve.plot) for curve in view.curves]
+    return {
+        "data": {"plots": plots, "pictures": shown.data},
+        "pictures": shown,
+        "full_scale": FULL_SCALE,
+        "resolved_scale": RESOLVED_SCALE,
+    }
 
 
-Block = Table | Paragraph | Items | Command | Picture | Section
+def plot_data(plot: Plot) -> dict[str, Any]:
+    """A plot for the script that draws it: the curves, and the labels of axes and values."""
+    return {
+        "board": plot.title,
+        "column": plot.column,
+        "label": plot.score.label,
+        "heading": plot.score.heading,
+        "unit": plot.score.unit,
+        "digits": plot.score.digits,
+        "higher": plot.higher_is_better,
+        "note": plot.score.note,
+        "nothing": plot.nothing,
+        "levels": list(plot.levels),
+        "series": [_series_data(series) for series in plot.series],
+        "front": [[_short(point.time), _short(point.score), point.series] for point in plot.front],
+    }
 
 
-@dataclass(frozen=True)
-class Document:
-    """A complete page. id: stem of its file names."""
+def _series_data(series: Series) -> dict[str, Any]:
+    return {
+        "name": series.label,
+        "place": series.place,
+        "failures": series.failures,
+        "runs": [{"seed": run.seed, "points": _points(run.points), "dropped": run.dropped} for run in series.runs],
+        "median": _points(series.median) if len(series.runs) > 1 else [],
+    }
 
-    id: str
-    title: str
-    blocks: tuple[Block, ...]
+
+def _points(points: Sequence[Point]) -> list[list[float]]:
+    return [[_short(time), _short(score)] for time, score in points]
+
+
+def _short(value: float) -> float:
+    """The value rounded to six digits: more are invisible, and would double the size of the page."""
+    return float(f"{value:.6g}")

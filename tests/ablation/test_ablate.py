@@ -24,7 +24,7 @@ from dofbench.core.errors import InputError, one_line
 from dofbench.datasets.synthesis import make_dataset
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.evaluation.results.result import read_result
-from dofbench.reporting.held_out import ASKED_HEADING
+from dofbench.reporting.sections import ASKED_HEADING
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_plan import make_plan
 from dofbench.running.ablation_tables import read_tables, tables_of
@@ -307,14 +307,14 @@ def test_sharp_inputs_leave_the_lens_out_unless_forced(ablate) -> None:
     _, made, _, out = ablate(table="sharp", seeds=1)
     page = (out / "sharp.md").read_text()
     assert len(made) == 2
-    planned, forced = table_rows(page, "What the rows are")
-    assert planned["left out by the plan"].startswith("lens: the photographs show circles of confusion of up to 0.1")
-    assert planned["left out by the plan"].endswith("; normals: a fake has none")
-    assert forced["left out by the plan"] == "normals: a fake has none"
+    planned, forced = table_rows(page, "Rows")
+    assert planned["disabled by the plan"].startswith("lens: the photographs show circles of confusion of up to 0.1")
+    assert planned["disabled by the plan"].endswith("; normals: a fake has none")
+    assert forced["disabled by the plan"] == "normals: a fake has none"
     shown = table_rows(page, "waves")
     assert "δ_A ↓" not in shown[0]  # a column that no row has is left out, and a line says why
     assert re.search(r"^Not shown, as no row has it: δ_A \(.*sharp photographs", page, re.MULTILINE)
-    assert "One seed only: no spread is known" in page and "Trained on the sharp originals" in page
+    assert "One seed: the spread is unknown" in page and "Trained and tested on all-in-focus images" in page
 
 
 def test_held_out_lenses_have_tables_of_their_own(ablate, tmp_path: Path) -> None:
@@ -325,7 +325,7 @@ def test_held_out_lenses_have_tables_of_their_own(ablate, tmp_path: Path) -> Non
         "## apart, held-out focus: trained on F 0.2, 0.5, 0.8 and A 0.5, 1; "
         "the test views ask for F 0.2, 0.5 and A 0.5, 1"
     ) in (out / "held.md").read_text()
-    assert [row["asked for"] for row in table_rows((out / "held.md").read_text(), ASKED_HEADING)] == [
+    assert [row["lens of the test views"] for row in table_rows((out / "held.md").read_text(), ASKED_HEADING)] == [
         "F 0.2, A 0.5 (1 view)",
         "F 0.5, A 1 (1 view)",
         "A 0, all in focus (2 views)",

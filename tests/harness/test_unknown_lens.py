@@ -76,7 +76,7 @@ def test_the_report_shows_no_column_without_a_value(
     call(method="pinhole", data=tmp_path / "photographs")
     write_report(Report(results=tmp_path / "results", out=tmp_path / "report"), Console(quiet=True))
     page = (tmp_path / "report" / "leaderboard.md").read_text()
-    board = page[page.index("## seal") : page.index("## What the columns say")]
+    board = page[page.index("## seal") : page.index("## Scores")]
     heading = next(line for line in board.splitlines() if line.startswith("| method"))
     assert "all-in-focus PSNR" in heading
     assert not any(word in heading for word in ("| PSNR", "δ", "disparity error", "AbsRel"))
@@ -105,7 +105,7 @@ def test_photographs_are_scored_by_what_half_of_each_tells(call: Callable[..., R
 
     write_report(Report(results=tmp_path / "results", out=tmp_path / "report"), Console(quiet=True))
     page = (tmp_path / "report" / "leaderboard.md").read_text()
-    board = page[page.index("## seal") : page.index("## What the columns say")]
+    board = page[page.index("## seal") : page.index("## Scores")]
     heading = next(line for line in board.splitlines() if line.startswith("| method"))
     assert "photograph PSNR [dB]" in heading and "| PSNR" not in heading and "| all-in-focus" not in heading
     assert (tmp_path / "report" / "curves" / "seal-photographs-v1-photo_psnr.svg").is_file()

@@ -8,14 +8,17 @@ import shutil
 from pathlib import Path
 
 import pytest
+from markupsafe import escape
 from relisted import edit_json
 from report_pages import notes, rows, table_rows
+from rich.console import Console
 from small_dataset import write_dataset
 from tolerances import CSV_DIGITS
 
 from dofbench.core.errors import InputError
+from dofbench.datasets.format.points_record import PointsRecord, points_in_words
 from dofbench.evaluation.results.result import read_result
-from dofbench.reporting.pairwise import Pair, with_the_best
+from dofbench.reporting.pairs import Pair, with_the_best
 from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
 
@@ -53,29 +56,21 @@ def test_protocols_never_share_a_table(plain, call, made) -> None:
     assert {row["protocol"] for row in rows(out / "leaderboard.csv")} == {"refocus-v3", "sharp-inputs-v3"}
 
 
-def test_a_forced_stage_is_no_second_seed(plain, call, made) -> None:
-    call(inputs="all-in-focus")
-    call(inputs="all-in-focus", force_all=True)
-    _, out, _ = made()
-    rows = table_rows((out / "leaderboard.md").read_text(), "waves, sharp-inputs-v3")
-    assert {(row["preset"], row["seeds"]) for row in rows} == {
-        ("quick, lens left out", "0"),
-        ("quick, nothing left out", "0"),
-    }
-
-
 def _add_a_stage(data: dict) -> None:
     stages = data["plan"]["stages"]
     stages.append({**stages[0], "name": "normals", "runs": False, "reason": "flat"})
 
 
-def test_a_stage_that_all_leave_out_names_no_variant(plain, call, made) -> None:
-    for force_all in (False, True):
-        file = call(inputs="all-in-focus", force_all=force_all).folder / "result.json"
-        edit_json(file, _add_a_stage)
-    _, out, _ = made()
-    rows = table_rows((out / "leaderboard.md").read_text(), "waves, sharp-inputs-v3")
-    assert {row["preset"] for row in rows} == {"quick, lens left out", "quick, nothing else left out"}
+def test_a_forced_stage_is_no_second_seed(plain, call, made) -> None:
+    """Variants are told apart by the stages that only one of them disables."""
+    files = [call(inputs="all-in-focus", force_all=force_all).folder / "result.json" for force_all in (False, True)]
+    for nothing in ("nothing", "nothing else"):
+        _, out, _ = made()
+        found = table_rows((out / "leaderboard.md").read_text(), "waves, sharp-inputs-v3")
+        assert {row["preset"] for row in found} == {"quick, lens left out", f"quick, {nothing} left out"}
+        assert {row["seeds"] for row in found} == {"0"}
+        for file in files:
+            edit_json(file, _add_a_stage)
 
 
 def test_scenes_that_no_method_shares_have_no_means(plain, call, made, tmp_path: Path) -> None:
@@ -213,26 +208,6 @@ def test_a_page_of_one_scene_among_several_keeps_to_the_best_of_many() -> None:
     assert with_the_best(pairs, 3) == pairs and with_the_best(pairs, 9) == pairs[:2] and with_the_best([], 9) == []
 
 
-def test_means_over_scenes_are_compared_in_the_csv_too(plain, call, made, tmp_path: Path) -> None:
-    """As many pairs as views of all scenes, and the mean of the scenes' differences."""
-    other = write_dataset(tmp_path / "other", name="ripples", seed=1)
-    for data in (tmp_path / "data", other):
-        call(data=data)
-        call(data=data, method="pinhole")
-    _, out, _ = made()
-    found = [row for row in rows(out / "comparisons.csv") if row["column"] == "aif_psnr"]
-    of_mean = [row for row in found if row["dataset"] == "the mean over 2 scenes, scatter"]
-    of_scenes = [row for row in found if row not in of_mean]
-    assert len(of_mean) == 1 and len(of_scenes) == 2
-    assert int(of_mean[0]["pairs"]) == sum(int(row["pairs"]) for row in of_scenes)
-    sides = ("method", "against_method")
-    signed = [
-        float(row["difference"]) * (1 if all(row[side] == of_mean[0][side] for side in sides) else -1)
-        for row in of_scenes
-    ]
-    assert float(of_mean[0]["difference"]) == pytest.approx(sum(signed) / 2, rel=CSV_DIGITS)
-
-
 def test_a_board_of_one_compares_nothing(plain, call, made) -> None:
     call()
     call(seed=1)
@@ -240,14 +215,6 @@ def test_a_board_of_one_compares_nothing(plain, call, made) -> None:
     page = (out / "leaderboard.md").read_text()
     assert "Compared view by view" not in page and "How differences are tested" not in page
     assert rows(out / "comparisons.csv") == []
-
-
-def test_two_views_never_make_it_better(plain, call, made) -> None:
-    call(set=("noise=0.5",))
-    call(set=("noise=0.05",))
-    _, out, _ = made()
-    (row,) = table_rows((out / "leaderboard.md").read_text(), "Compared view by view")
-    assert row["PSNR [dB] ↑"].endswith("p = 0.500") and "better" not in "".join(row.values())
 
 
 def test_scenes_are_compared_together_where_both_have_all(plain, call, made, tmp_path: Path) -> None:
@@ -261,6 +228,12 @@ def test_scenes_are_compared_together_where_both_have_all(plain, call, made, tmp
     page = (out / "leaderboard.md").read_text().split("## Means over scenes")[1]
     (row,) = table_rows(page, "Compared view by view")
     assert "Over 7 test views" in page and row["PSNR [dB] ↑"].endswith("**better** (one seed)")
+    found = [row for row in rows(out / "comparisons.csv") if row["column"] == "psnr" and "pinhole" not in row.values()]
+    mean, *scenes = sorted(found, key=lambda row: not row["dataset"].startswith("the mean over 2 scenes"))
+    assert len(scenes) == 2 and int(mean["pairs"]) == sum(int(row["pairs"]) for row in scenes) == 7
+    assert float(mean["difference"]) == pytest.approx(
+        sum(float(row["difference"]) for row in scenes) / 2, rel=CSV_DIGITS
+    )
 
 
 def test_a_copy_of_a_result_is_no_second_seed(plain, call, made) -> None:
@@ -269,3 +242,53 @@ def test_a_copy_of_a_result_is_no_second_seed(plain, call, made) -> None:
     _, out, said = made()
     assert "a copy of another result" in said
     assert len(rows(out / "leaderboard.csv")) == 1
+
+
+# ---- what methods start from ----
+
+USUAL = PointsRecord(
+    origin="structure from motion",
+    photographs="sharp",
+    views="all",
+    poses="structure from motion on all views",
+    tracks="unknown",
+    only_test_views="given",
+    count=160,
+    given=160,
+)
+FROM_SHALLOW = USUAL.model_copy(
+    update={"origin": "triangulation", "photographs": "shallow", "views": "training", "only_test_views": "left out"}
+)
+
+
+@pytest.mark.parametrize("stated", [USUAL, FROM_SHALLOW, None], ids=["usual", "from shallow", "older dataset"])
+def test_the_pages_say_where_points_come_from(plain, call, made, tmp_path: Path, stated: PointsRecord | None) -> None:
+    write_dataset(tmp_path / "data", stated=stated)
+    result = read_result(call().folder)
+    assert result.plan["points"] == (None if stated is None else stated.model_dump(mode="json"))
+    _, out, _ = made()
+    words = points_in_words(stated)
+    kind = "refocus-v3" + (", points from shallow training photographs" if stated is FROM_SHALLOW else "")
+    assert words in (out / "leaderboard.md").read_text().split(f"## waves, {kind}\n")[1]
+    assert (out / "report.html").read_text().count(str(escape(words))) == 2
+
+
+def test_datasets_with_other_points_are_not_averaged(plain, call, made, tmp_path: Path) -> None:
+    write_dataset(tmp_path / "data", stated=USUAL)
+    for name in ("ripples", "rings"):
+        call(data=write_dataset(tmp_path / name, name=name, stated=FROM_SHALLOW))
+    edit_json(call().folder / "result.json", lambda data: data["plan"].pop("points"))  # as an older version
+    _, out, _ = made()
+    page = (out / "leaderboard.md").read_text()
+    kind = "refocus-v3, points from shallow training photographs"
+    assert f"## Means over scenes, {kind}" in page and "Scenes: rings, ripples." in page
+    assert page.count("## Means over scenes, refocus-v3") == 1 and points_in_words(None) in page
+
+
+def test_the_plan_of_a_run_says_where_points_come_from(
+    call, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_dataset(tmp_path / "data", stated=FROM_SHALLOW)
+    call(console=Console(width=400), dry_run=True)
+    said = capsys.readouterr()
+    assert points_in_words(FROM_SHALLOW) in said.out + said.err

@@ -1,0 +1,329 @@
+"""Paired differences: what is paired, the sign-flip test against scipy and by hand, intervals, and words."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+from tolerances import FLIPPED_AT_RANDOM, FLOAT64_VALUE
+
+from dofbench.core.errors import Status
+from dofbench.evaluation.results.collecting import Entry
+from dofbench.evaluation.results.result import Result, Spec, ViewScores
+from dofbench.reporting.boards import Line, Statistic
+from dofbench.reporting.overview import Verdict, verdicts
+from dofbench.reporting.render import markdown
+from dofbench.reporting.statistics import Compared, Difference, adjusted, compare, grouped_difference, holm, sign_flip
+from dofbench.reporting.tables import Heading, Section, Table, difference
+
+# Whole numbers and powers of two, whose sums aren't rounded: what ties, ties in every order and unit.
+WHOLE = st.lists(st.integers(-40, 40), min_size=1, max_size=9)
+
+
+@given(WHOLE, st.integers(1, 8), st.sampled_from([2.0**-7, 0.5, 4.0, 2.0**20]))
+def test_p_knows_no_order_no_unit_and_no_direction(differences: list[int], turn: int, scale: float) -> None:
+    values = np.array(differences, np.float64)
+    p = sign_flip(values)
+    assert p == sign_flip(-values) == sign_flip(np.roll(values, turn)) == sign_flip(np.sort(values))
+    assert p == sign_flip(values * scale)
+    assert 2.0 ** (1 - len(values)) <= p <= 1
+
+
+@given(WHOLE)
+def test_p_of_whole_numbers_is_exactly_the_share_of_the_choices_that_are_as_far(differences: list[int]) -> None:
+    sums = [
+        abs(sum(sign * one for sign, one in zip(signs, differences, strict=True)))
+        for signs in itertools.product((1, -1), repeat=len(differences))
+    ]
+    assert sign_flip(np.array(differences, np.float64)) == sum(one >= abs(sum(differences)) for one in sums) / len(sums)
+
+
+@pytest.mark.parametrize("count", [12, 40])
+def test_p_against_scipy(count: int) -> None:
+    differences = np.random.default_rng(count).normal(0.3, 1.0, count)
+    expected = stats.permutation_test(
+        (differences,), np.sum, permutation_type="samples", n_resamples=100_000, rng=np.random.default_rng(1)
+    ).pvalue
+    assert sign_flip(differences) == pytest.approx(expected, abs=FLIPPED_AT_RANDOM)
+
+
+def test_without_a_difference_p_is_as_often_small_as_it_says() -> None:
+    """Of scores with skewed noise, a few views each: the test must not claim more than it may."""
+    random = np.random.default_rng(0)
+    found = [sign_flip(random.laplace(0, 1, 8) * random.choice([0.1, 1, 5], 8)) for _ in range(2000)]
+    for level in (0.05, 0.2, 0.5):
+        assert np.mean(np.array(found) <= level) <= level + 0.02
+
+
+def paired_difference(pairs: list[tuple[float, float]]) -> Difference:
+    """Of (value, reference) pairs of one scene and one training each."""
+    values = np.array(pairs, dtype=float).reshape(-1, 2)
+    return grouped_difference([(values[None, :, 0], values[None, :, 1])])
+
+
+def test_a_difference_by_hand() -> None:
+    found = paired_difference([(3.0, 1.0), (4.0, 3.0), (5.0, 4.5)])
+    assert found.pairs == 3 and found.mean == pytest.approx(3.5 / 3) and found.low is None and found.p == 0.25
+    assert found.spread == pytest.approx(np.std([2, 1, 0.5], ddof=1))
+    seeds = grouped_difference([(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([[0.0, 1.0]]))])
+    assert (seeds.pairs, seeds.mean, seeds.seeds) == (2, 2.0, 1)
+
+
+def test_every_group_weighs_the_same() -> None:
+    few, many = (np.full((1, 2), 3.0), np.zeros((1, 2))), (np.full((1, 8), 1.0), np.zeros((1, 8)))
+    found = grouped_difference([few, many])
+    assert found.mean == pytest.approx(2.0) and found.pairs == 10
+    assert found.p == 2.0**-9 and found.low == pytest.approx(2.0) == found.high
+
+
+def test_the_interval_holds_the_truth_about_as_often_as_it_says() -> None:
+    random = np.random.default_rng(1)
+    inside = 0
+    for _ in range(200):
+        found = grouped_difference([(random.normal(0.5, 1.0, (1, 20)), np.zeros((1, 20)))])
+        inside += found.low <= 0.5 <= found.high
+    assert 0.88 <= inside / 200 <= 0.99
+
+
+def test_seeds_that_disagree_widen_the_interval() -> None:
+    random = np.random.default_rng(2)
+    views = random.normal(0.5, 0.05, 12)
+    same = grouped_difference([(np.stack([views] * 3), np.zeros((3, 12)))])
+    unsure = grouped_difference([(np.stack([views - 1, views, views + 1]), np.zeros((3, 12)))])
+    assert unsure.mean == pytest.approx(same.mean) and unsure.p == same.p
+    assert same.telling and not unsure.telling and unsure.low < 0 < unsure.high
+    assert Compared("psnr", same).verdict == "better" and Compared("psnr", unsure).verdict == ""
+
+
+def test_what_cannot_be_tested() -> None:
+    assert paired_difference([(2.0, 1.0)]) == Difference(1, 1.0, None, 1.0)
+    assert paired_difference([(2.0, 2.0), (3.0, 3.0)]) == Difference(2, 0.0, 0.0, None)
+    assert math.isnan(paired_difference([(math.nan, 1.0), (2.0, 1.0)]).mean)
+    infinite = paired_difference([(math.inf, 1.0), (2.0, 1.0)])
+    assert infinite.mean == math.inf and infinite.p is None
+    assert math.isnan(paired_difference([(math.inf, math.inf), (2.0, 1.0)]).mean)
+    same = np.array([[1.0, 2.0, 3.0], [2.0, 3.0, 4.0]])
+    assert grouped_difference([(same, same)]) == Difference(3, 0.0, 0.0, None, seeds=2)
+    with pytest.raises(ValueError, match="at least one pair"):
+        paired_difference([])
+    with pytest.raises(ValueError, match="found"):
+        grouped_difference([(np.zeros((1, 2)), np.zeros((1, 3)))])
+
+
+def test_holm_by_hand() -> None:
+    assert holm([0.01, 0.04, None, 0.03]) == pytest.approx([0.03, 0.06, None, 0.06])
+    assert holm([0.9, 0.8]) == [1.0, 1.0] and holm([None]) == [None] and holm([]) == []
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=8))
+def test_holm_lies_between_the_plain_and_bonferroni_s(values: list[float]) -> None:
+    adjusted = holm(values)
+    assert all(p <= a <= min(1, p * len(values)) + FLOAT64_VALUE for p, a in zip(values, adjusted, strict=True))
+    order = np.argsort(values, kind="stable")
+    assert list(np.array(adjusted)[order]) == sorted(adjusted)
+
+
+def shown(found: Difference, column: str) -> str:
+    """The difference as Markdown shows it."""
+    table = Table("", (Heading("a"),), ((difference(Compared(column, found)),),), names=0)
+    return markdown("ablation.md", page=Section("", tables=(table,))).strip().splitlines()[-1].strip("| ")
+
+
+@pytest.mark.parametrize(
+    ("column", "mean", "p", "text"),
+    [
+        ("psnr", 0.314, 0.003, "+0.31 [+0.26, +0.36], p = 0.003, **better**"),
+        ("psnr", -0.314, 0.0002, "-0.31 [-0.36, -0.26], p < 0.001, **worse**"),
+        ("psnr", 0.314, 0.05, "+0.31 [+0.26, +0.36], p = 0.050"),
+        ("delta_a", -0.314, 0.01, "-0.314 [-0.364, -0.264], p = 0.010, **better**"),
+        ("delta_a", 0.314, 0.01, "+0.314 [+0.264, +0.364], p = 0.010, **worse**"),
+        ("psnr", 0.024, 0.01, "+0.02 [-0.03, +0.07], p = 0.010"),
+        ("train_s", 3.0, 0.01, "+3.0 [+3.0, +3.0], p = 0.010, more"),
+    ],
+)
+def test_a_verdict_stands_only_where_the_test_bears_it(column: str, mean: float, p: float, text: str) -> None:
+    assert shown(Difference(8, mean, 0.1, p, mean - 0.05, mean + 0.05, seeds=3), column) == text
+
+
+def test_one_training_and_few_views_are_said() -> None:
+    assert shown(Difference(8, 0.004, 0.1, 0.01, 0.003, 0.005, 3), "psnr").endswith("p = 0.010")  # shown as zero
+    once = Difference(8, 1.0, 0.1, 0.01, 0.9, 1.1, seeds=1)
+    assert shown(once, "psnr").endswith("p = 0.010, **better** (one seed)")
+    assert shown(Difference(3, 1.0, 0.1, 0.25), "psnr") == "+1.00, p = 0.250"
+    assert shown(Difference(8, math.nan, None, None), "psnr") == "+nan"
+
+
+def test_comparisons_of_a_column_are_judged_by_their_adjusted_p() -> None:
+    """Holm by hand: of three, the least times 3, the next times 2, the last as it is, and none below its predecessor.
+    Two at 0.03 would each be significant alone, and neither is beside the other."""
+    compared = [Compared("psnr", Difference(9, 1.0, 0.5, p, low=0.2, high=1.8)) for p in (0.04, 0.011, 0.02, None)] + [
+        Compared("psnr", None, "no views")
+    ]
+    assert [one.verdict for one in compared] == ["better", "better", "better", "", ""]
+    found = adjusted(compared)
+    assert [one.difference.p if one.difference else None for one in found] == [
+        pytest.approx(0.04),
+        pytest.approx(0.033),
+        pytest.approx(0.04),
+        None,
+        None,
+    ]
+    pair = adjusted([Compared("psnr", Difference(9, 1.0, 0.5, 0.03, low=0.2, high=1.8))] * 2)
+    assert [one.verdict for one in pair] == ["", ""]
+
+
+# ---- pairs of runs ----
+
+NOBODY = dict.fromkeys(("preset", "budget", "dataset", "dataset_checksum", "protocol", "device", "code"), "x")
+
+
+def entry(method: str, seed: int, views: dict[str, float], seconds: float, status: Status = Status.OK) -> Entry:
+    """A run with its refocus PSNR by view and the seconds of its training."""
+    spec = Spec(method=method, seed=seed, overrides={}, options={}, **NOBODY)
+    scored = [ViewScores(name=name, scores={"psnr": value}) for name, value in views.items()]
+    scores = {"psnr": sum(views.values()) / max(len(views), 1), "train_s": seconds}
+    return Entry(Path(), spec, "", status, "", Result.model_construct(scores=scores, views=scored))
+
+
+ONE = [entry("a", seed, {"v0": 30.0 + seed, "v1": 33.0}, 100.0 + 10 * seed) for seed in (0, 1, 2)]
+OTHER = [entry("b", seed, {"v1": 30.0, "v0": 30.0}, 80.0 + seed) for seed in (2, 1)]
+
+
+def test_scores_are_paired_by_view_with_the_seeds_averaged() -> None:
+    found = compare([(ONE, OTHER)], "psnr")
+    assert found.difference is not None and found.reason == ""
+    # Views 0: mean of 30, 31, 32 against 30; view 1: 33 against 30.
+    assert (found.difference.pairs, found.difference.seeds) == (2, 2)
+    assert found.difference.mean == pytest.approx((1 + 3) / 2)
+
+
+def test_costs_are_paired_by_seed() -> None:
+    """100, 110, 120 against 80, 81, 82: three pairs, of three seeds."""
+    third = entry("b", 0, {"v0": 30.0, "v1": 30.0}, 80.0)
+    found = compare([(ONE, [*OTHER, third])], "train_s")
+    assert found.difference is not None
+    assert (found.difference.pairs, found.difference.seeds) == (3, 3)
+    assert found.difference.mean == pytest.approx((20 + 29 + 38) / 3)
+    assert found.difference.spread == pytest.approx(9.0)
+
+
+@pytest.mark.parametrize(
+    ("other", "column", "reason"),
+    [
+        ([], "psnr", "failed, or lacks"),
+        ([entry("b", 0, {"v0": 1.0, "v1": 1.0}, 1.0, Status.CRASHED)], "psnr", "failed, or lacks"),
+        ([entry("b", 0, {"v0": 1.0, "v1": 1.0}, 1.0, Status.CRASHED)], "train_s", "failed, or lacks"),
+        ([entry("b", 0, {"v0": 1.0}, 1.0)], "psnr", "same views"),
+        ([entry("b", 0, {"v0": 1.0, "v1": 1.0}, 1.0)], "aif_psnr", "failed, or lacks"),
+        ([entry("b", 0, {"v0": 1.0, "v1": 1.0}, 1.0)], "peak_mb", "failed, or lacks"),
+        (OTHER, "train_s", "same seeds"),
+    ],
+)
+def test_what_cannot_be_paired_says_why(other: list[Entry], column: str, reason: str) -> None:
+    found = compare([(ONE, other)], column)
+    assert found.difference is None and reason in found.reason and found.verdict == ""
+
+
+def test_a_gap_among_comparisons_is_not_counted_among_them() -> None:
+    """Holm's adjustment is over those that were tested: 1/2 stays twice as large as it is for two of them."""
+    gap, tested = compare([(ONE, [])], "psnr"), compare([(ONE, OTHER)], "psnr")
+    assert tested.difference is not None and tested.difference.p == 0.5
+    p = [one.difference and one.difference.p for one in adjusted([gap, tested, gap])]
+    assert p == [None, 0.5, None]
+    assert [one.difference and one.difference.p for one in adjusted([tested, gap, tested])] == [1.0, None, 1.0]
+
+
+# ---- which is best ----
+
+A, B, C = (entry(method, 0, {}, 1.0).variant for method in "abc")
+VIEWS = [30.0, 31.0, 32.0, 28.0, 29.5, 33.0, 30.5, 31.5]
+
+
+def run(method: str, views: list[float], seed: int = 0, status: Status = Status.OK) -> Entry:
+    return entry(method, seed, {f"v{index}": value for index, value in enumerate(views)}, 1.0, status)
+
+
+def lines(entries: list[Entry]) -> dict[tuple[str, ...], Line]:
+    """Their means over seeds."""
+    found = {}
+    for variant in dict.fromkeys(one.variant for one in entries):
+        values = [one.scores["psnr"] for one in entries if one.variant == variant]
+        cells = {"psnr": Statistic(sum(values) / len(values)), "aif_psnr": Statistic(None, reason="not asked")}
+        found[variant] = Line(variant[0], "", "", cells)
+    return found
+
+
+def verdict(found: dict[tuple[str, ...], Line], *boards: list[Entry]) -> Verdict:
+    """The only verdict on one table."""
+    (told,) = verdicts(
+        found, [{variant: [e for e in runs if e.variant == variant] for variant in found} for runs in boards]
+    )
+    return told
+
+
+def test_the_lead_is_tested_view_by_view() -> None:
+    ahead = [0.9, 1.1, 1.0, 0.8, 1.2, 1.0, 0.95, 1.05]
+    entries = [run("b", VIEWS, seed) for seed in range(3)]
+    entries += [run("a", [v + d for v, d in zip(VIEWS, ahead, strict=True)], seed) for seed in range(3)]
+    found = verdict(lines(entries), entries)
+    assert (found.best, found.second, found.sure.kind) == (A, B, "sure") and found.ahead == pytest.approx(1.0)
+    # All eight differences have one sign: of 2 ** 8 choices of signs, two are as extreme.
+    assert found.sure.text == "over 8 test views, 3 seeds; +1.00"
+    assert (found.sure.test.p, found.sure.test.verdict) == (f"p = {2 / 2**8:.3f}", "better")
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "status", "kind"),
+    [
+        (VIEWS, [v + d for v, d in zip(VIEWS, (3, -2, 1, -1, 2, -1, 0.5, -0.5), strict=True)], Status.OK, "unsure"),
+        ([30.0, 33.0, 29.0], [29.0, 31.0, 28.0], Status.OK, "unsure"),  # too few views
+        (VIEWS, [v - 1 for v in VIEWS], Status.CRASHED, "untested"),
+    ],
+)
+def test_a_lead_that_the_test_does_not_support_is_not_sure(
+    one: list[float], other: list[float], status: Status, kind: str
+) -> None:
+    entries = [run("a", one), run("b", other, status=status)]
+    found = verdict(lines(entries), entries)
+    assert found.best == (A if sum(one) > sum(other) else B) and found.sure.kind == kind
+    assert kind == "untested" or "one seed" in found.sure.text
+
+
+def test_a_gap_is_no_rival() -> None:
+    entries = [run("a", [20.0]), run("b", [30.0]), run("c", [29.5])]
+    found = lines(entries)
+    found[A] = Line("a", "", "", {"psnr": Statistic(None, failure="crashed"), "aif_psnr": Statistic(None)})
+    told = verdict(found, entries)
+    assert (told.best, told.second) == (B, C) and told.ahead == pytest.approx(0.5)
+    found[C] = Line("c", "", "", {"psnr": Statistic(float("nan")), "aif_psnr": Statistic(None)})
+    told = verdict(found, entries)
+    assert (told.best, told.second, told.sure.text) == (B, None, "nothing to compare it with")
+
+
+def test_a_mean_is_tested_over_the_views_of_all_scenes() -> None:
+    """Three views are too few on one scene; six of two scenes are enough."""
+    one = [run("a", [30.0, 33.0, 29.0]), run("b", [29.0, 31.5, 28.2])]
+    two = [run("a", [20.0, 23.0, 19.0]), run("b", [19.1, 21.8, 17.9])]
+    found = verdict(lines(one + two), one, two)
+    assert (found.best, found.second, found.sure.kind) == (A, B, "sure")
+    assert found.sure.text.startswith("over 6 test views") and found.sure.test.p == f"p = {2 / 2**6:.3f}"
+    assert verdict(lines(one), one).sure.kind == "unsure"
+    assert verdict(lines(one), one, two[:1]).sure.kind == "untested"  # one of them wasn't run on a scene
+
+
+def test_every_thing_to_be_best_at_has_a_verdict() -> None:
+    def line(name: str, **scores: float) -> Line:
+        return Line(name, "", "", {column: Statistic(scores.get(column)) for column in ("psnr", "aif_psnr", *scores)})
+
+    table = {A: line("a", psnr=30.0, aif_psnr=24.0), B: line("b", aif_psnr=25.0), C: line("c", psnr=29.0)}
+    told = [(one.column, one.best, one.second) for one in verdicts(table, [{}])]
+    assert told == [("psnr", A, C), ("aif_psnr", B, A)]
+    assert [one.column for one in verdicts({A: line("a", photo_psnr=20.0, across_psnr=21.0)}, [])] == ["photo_psnr"]
+    assert [one.column for one in verdicts({A: line("a", across_psnr=21.0)}, [])] == ["across_psnr"]
+    assert list(verdicts({A: line("a")}, [])) == []
