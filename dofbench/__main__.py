@@ -7,7 +7,7 @@ import sys
 if __name__ == "__main__" and not sys.flags.safe_path and __file__ != f"{sys.path[0]}/dofbench/__main__.py":
     del sys.path[0]
 
-from dofbench.cli.entry import run
+from dofbench.cli.app import console
 
 if __name__ == "__main__":  # spawned workers import this module and must not start over
-    run()
+    console()

@@ -80,7 +80,7 @@ def test_every_end_is_told_apart_and_none_stops_the_others(monkeypatch):
     ]
     wrong, refused, bug, killed, well = (outcome.problem for outcome in outcomes)
     assert wrong == "a.json: found no number, expected one"
-    assert refused == "out: Permission denied; what is finished stays"
+    assert refused == "out: Permission denied; finished work is kept"
     assert bug.startswith("Traceback") and "ValueError: shapes" in bug
     assert killed == "its process was killed by signal 9 (SIGKILL)"
     assert well == ""

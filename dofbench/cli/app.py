@@ -1,84 +1,96 @@
-"""The command line. Options and their help are declared in the settings classes alone.
+"""The command line: one table of commands. Options and their help are declared in the classes of options alone.
 
 Exit status: 0 done, 1 something failed (each failure is named), 2 the call is wrong, 3 `check` found nothing wrong but
-couldn't compute scores again, 128 + n ended by signal n. Modules that are slow to import are loaded only once the
-command is known, so that help appears at once.
+couldn't compute scores again, 128 + n ended by signal n. A command's modules are imported once the command is known, so
+that help appears at once.
 """
 
 from __future__ import annotations
 
+import importlib
 import io
 import os
 import signal
 import sys
+import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stderr
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Any, Union
-
-import tyro
+from typing import Any
 
 from dofbench import __version__
-from dofbench.cli.methods_options import Methods
 from dofbench.core.clock import loading
-from dofbench.core.errors import InputError, interruption, one_line, out_of_memory
-from dofbench.datasets.synthesis.dataset_options import MakeDatasets
-from dofbench.evaluation.renderer.validation_options import ValidateRenderer
-from dofbench.evaluation.stability.stability_options import Stability
-from dofbench.reporting.report_options import Report
-from dofbench.running.ablation_options import Ablate
-from dofbench.running.run_options import Runs
-from dofbench.runtime.supervised import Repeats, in_child
-from dofbench.runtime.threads import configure_threads
-from dofbench.scenes.procedural.scene_options import MakeScene
-from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
+from dofbench.core.errors import InputError, interruption, one_line, out_of_memory, unknown
 
 DONE, FAILED, WRONG_CALL, NOT_RECOMPUTED = 0, 1, 2, 3
-_INTERRUPTED = "interrupted; the same command goes on from what is finished"
-
-_DESCRIPTION = (
-    "Make shallow depth-of-field datasets whose lens is known, train methods on them, and compare the methods. "
-    "Help on one command: dofbench COMMAND --help. The version: dofbench --version."
-)
+_INTERRUPTED = "interrupted; rerun the same command to resume"
+_REPEATED = 1.0  # seconds within which a second signal is the first one that came twice
 
 
 @dataclass(frozen=True)
-class Scenes:
-    """List the scenes that make-dataset can read: built-in, named datasets, and those in the folders given."""
+class Command:
+    """A command: one line about it, and where its options and its function are, as "module:name" below `dofbench`.
 
-    folders: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
-    """Folders that are scenes or hold scenes."""
+    The function is called with the options; it returns an exit status, or a value that is false where something failed.
+    """
 
-    data_root: Path | None = None
-    """Folder to look for named datasets in; without it, the one in DOFBENCH_DATA, if that is set."""
-
-
-@dataclass(frozen=True)
-class Check:
-    """Check a dataset or results: digests, checksums, protocol, whether all parts agree, and scores computed again."""
-
-    path: Annotated[Path, tyro.conf.Positional]
-    """Dataset folder, result folder, or a folder of results."""
-
-    data: Path | None = None
-    """The dataset's folder, to compute scores again, if it isn't where the results say. Without it: status 3."""
+    summary: str
+    options: str
+    function: str
 
 
-@dataclass(frozen=True)
-class Score:
-    """Score finished runs again, without training, from the pictures and the model that they stored, and add missing
-    metrics in a file of its own (added.json). Scores that a result already has must come out the same again."""
+COMMANDS = {
+    "run": Command(
+        "Train methods on datasets and score them.", "running.run_options:Runs", "cli.run_methods:run_methods"
+    ),
+    "report": Command("Write leaderboards and pages.", "reporting.report_options:Report", "reporting:report"),
+    "methods": Command(
+        "List the methods, or one's presets and options.", "cli.small_commands:Methods", "cli.small_commands:methods"
+    ),
+    "scenes": Command("List the scenes.", "cli.small_commands:Scenes", "cli.small_commands:scenes"),
+    "make-dataset": Command(
+        "Make a dataset with synthetic or real defocus.",
+        "datasets.synthesis.dataset_options:MakeDatasets",
+        "datasets.synthesis:make_datasets",
+    ),
+    "make-scene": Command(
+        "Render a procedural scene with a thin-lens camera.",
+        "scenes.procedural.scene_options:MakeScene",
+        "scenes.procedural:make_scene",
+    ),
+    "reconstruct": Command(
+        "Find camera poses by structure from motion.",
+        "scenes.reconstruction.reconstruct_options:Reconstruct",
+        "scenes.reconstruction:reconstruct",
+    ),
+    "ablate": Command("Run ablation tables.", "running.ablation_options:Ablate", "cli.ablate:make_tables"),
+    "score": Command(
+        "Score finished runs again, or by further metrics.", "cli.small_commands:Score", "cli.small_commands:score"
+    ),
+    "check": Command("Verify a dataset or results.", "cli.small_commands:Check", "cli.small_commands:check"),
+    "validate-renderer": Command(
+        "Compare the renderers with thin-lens images and light fields.",
+        "evaluation.renderer.validation_options:ValidateRenderer",
+        "evaluation.renderer.validate:validate_renderer",
+    ),
+    "stability": Command(
+        "Test numerically extreme cases against error bounds.",
+        "evaluation.stability.stability_options:Stability",
+        "evaluation.stability.measure:stability",
+    ),
+}
+_HELP = """\
+usage: dofbench COMMAND [OPTIONS]
 
-    results: Annotated[tuple[Path, ...], tyro.conf.Positional] = (Path("results"),)
-    """Results, or folders of results."""
+Benchmark of view synthesis from images with a shallow depth of field: make datasets with known lenses,
+train methods on them, and compare the methods.
 
-    metrics: str | None = None
-    """Columns, comma-separated: psnr for refocused views, aif_psnr for all-in-focus ones. Default: all there are."""
+commands:
+{commands}
 
-    data: Path | None = None
-    """The dataset's folder, if it isn't where the results say."""
+Options of a command: dofbench COMMAND --help. The version: dofbench --version."""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -89,130 +101,54 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(number)
 
 
-_repeats = Repeats()
+def parse(arguments: Sequence[str]) -> Any:
+    """The options that the command line gives. Raises InputError, or SystemExit after printing help or an error."""
+    if not arguments or arguments[0] not in COMMANDS:
+        raise unknown("command", arguments[0] if arguments else "", COMMANDS)
+    name, *words = arguments
+    from tyro import cli, conf
+
+    from dofbench.core.options import unframed_errors
+
+    options = _found(COMMANDS[name].options)
+    _check_names(options, words)
+    look = (conf.DisallowNone, conf.FlagCreatePairsOff, conf.PositionalMetavarFromFieldName)
+    with unframed_errors():
+        return cli(options, prog=f"dofbench {name}", args=words, config=look)
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    if not _repeats(number):
-        raise Interrupted(number)
-
-
-Command = (
-    MakeDatasets
-    | MakeScene
-    | Reconstruct
-    | Runs
-    | Ablate
-    | Score
-    | Report
-    | Check
-    | Scenes
-    | Methods
-    | ValidateRenderer
-    | Stability
-)
-
-
-def parse(arguments: Sequence[str]) -> Command:
-    """The settings that the command line gives. Raises InputError, or SystemExit after printing help or an error."""
-    commands = {
-        "make-dataset": MakeDatasets,
-        "make-scene": MakeScene,
-        "reconstruct": Reconstruct,
-        "run": Runs,
-        "ablate": Ablate,
-        "score": Score,
-        "report": Report,
-        "check": Check,
-        "scenes": Scenes,
-        "methods": Methods,
-        "validate-renderer": ValidateRenderer,
-        "stability": Stability,
-    }
-    named = tuple(Annotated[settings, tyro.conf.subcommand(name)] for name, settings in commands.items())
-    look = (tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalMetavarFromFieldName)
-    _refuse_twice(arguments)
-    with _input_errors_unframed():
-        return tyro.cli(  # type: ignore[call-overload]  # of alternatives that no checker can know
-            Union[named],  # noqa: UP007 - the alternatives are known only here
-            prog="dofbench",
-            description=_DESCRIPTION,
-            args=list(arguments),
-            config=look,
-        )
-
-
-def _refuse_twice(arguments: Sequence[str]) -> None:
-    """Raise InputError for an option that is given twice: the parser would silently ignore its first values."""
+def _check_names(options: Any, words: Sequence[str]) -> None:
+    """Raise InputError for an unknown option, and for one that is given twice: the parser would ignore its first
+    values."""
+    known = {"--help"}
+    for field in fields(options):
+        known.add(f"--no-{field.name}".replace("_", "-") if field.default is True else f"--{field.name}")
+    known = {name.replace("_", "-") for name in known}
     seen: set[str] = set()
-    for word in arguments:
+    for word in words:
         option = word.partition("=")[0].replace("_", "-")
-        if word.startswith("--") and option in seen:
+        if not word.startswith("--"):
+            continue
+        if option not in known:
+            raise unknown("option", option, known)
+        if option in seen:
             raise InputError(option, "the option twice", "once, with all its values behind it: --set a=1 b=2")
         seen.add(option)
 
 
-def execute(settings: Any) -> int:
-    """Do what the settings ask for and return the exit status. Raises InputError for a wrong input."""
-    match settings:
-        case MakeDatasets():
-            from dofbench.datasets.synthesis import make_datasets
+def execute(options: Any) -> int:
+    """Do what the options ask for and return the exit status. Raises InputError for a wrong input."""
+    kind = f"{type(options).__module__}:{type(options).__name__}".removeprefix("dofbench.")
+    command = next(command for command in COMMANDS.values() if command.options == kind)
+    with loading.running():
+        function = _found(command.function)
+    outcome = function(options)
+    return outcome if type(outcome) is int else DONE if outcome else FAILED
 
-            return DONE if make_datasets(settings) else FAILED
-        case MakeScene():
-            from dofbench.scenes.procedural import make_scene
 
-            make_scene(settings)
-            return DONE
-        case Reconstruct():
-            from dofbench.scenes.reconstruction import reconstruct
-
-            return DONE if reconstruct(settings) else FAILED
-        case Runs():
-            with loading.running():
-                from dofbench.cli.run_methods import run_methods
-
-            return DONE if run_methods(settings) else FAILED
-        case Ablate():
-            from dofbench.cli.ablate import make_tables
-
-            return DONE if make_tables(settings) else FAILED
-        case Score():
-            from dofbench.running.rescore import score
-
-            return DONE if score(settings.results, settings.metrics, settings.data) else FAILED
-        case Report():
-            from dofbench.reporting import report
-
-            return DONE if report(settings) else FAILED
-        case Check():
-            from dofbench.cli.check import Verdict, check
-
-            verdict = check(settings.path, data=settings.data)
-            return {Verdict.GOOD: DONE, Verdict.NOT_RECOMPUTED: NOT_RECOMPUTED}.get(verdict, FAILED)
-        case Scenes():
-            from dofbench.scenes.listing import print_scenes
-
-            return DONE if print_scenes(settings.folders, settings.data_root) else FAILED
-        case Methods():
-            if settings.method is not None and settings.freeze is not None:
-                from dofbench.cli.freeze_preset import freeze_preset
-
-                freeze_preset(settings.method, settings.freeze)
-                return DONE
-            from dofbench.cli.list_methods import print_methods
-
-            return DONE if print_methods(settings.method) else FAILED
-        case ValidateRenderer():
-            from dofbench.evaluation.renderer.validate import validate_renderer
-
-            validate_renderer(settings)
-            return DONE
-        case Stability():
-            from dofbench.evaluation.stability.measure import stability
-
-            return DONE if stability(settings) else FAILED
-    raise AssertionError(f"no command for {type(settings).__name__}")
+def _found(place: str) -> Any:
+    module, name = place.split(":")
+    return getattr(importlib.import_module(f"dofbench.{module}"), name)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -224,31 +160,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if list(arguments) == ["--version"]:
         print(f"dofbench {__version__}")
         return DONE
+    if list(arguments) in (["--help"], ["-h"]):
+        width = max(map(len, COMMANDS))
+        print(_HELP.format(commands="\n".join(f"  {name:{width}}  {one.summary}" for name, one in COMMANDS.items())))
+        return DONE
+    from dofbench.runtime.threads import configure_threads
+
     configure_threads()
     try:
-        _check_utf8(arguments)
-        settings = parse(arguments)
-        if isinstance(settings, MakeDatasets | MakeScene | Reconstruct | Runs | Ablate | Score | Check | Stability):
-            # Importing pycolmap installs a handler for SIGTERM that prints a stack trace and aborts. These commands
-            # need pycolmap anyway, so it is imported first and our handler replaces the other one.
-            with loading.running():
-                import pycolmap  # noqa: F401
         with _signals_as_exceptions():
-            return execute(settings)
+            _check_utf8(arguments)
+            return execute(parse(arguments))
     except InputError as mistake:
         return _end(WRONG_CALL, one_line(mistake))
-    except KeyboardInterrupt as stop:
-        number = stop.number if isinstance(stop, Interrupted) else signal.SIGINT
-        return _end(128 + number, _INTERRUPTED)
     except BrokenPipeError:
         # The reader of our output has closed the pipe (`| head`). Without this line Python would print an error at
         # exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
-    except Exception as error:
-        if interruption(error) is not None:  # within an import of compiled code, which makes another error of it
-            return _end(128 + signal.SIGINT, _INTERRUPTED)
-        line = one_line(error) or ("out of memory; what is finished stays" if out_of_memory(error) else "")
+    except (Exception, KeyboardInterrupt) as error:
+        # A signal within compiled code may come out of it as another error.
+        if (stop := interruption(error)) is not None:
+            return _end(128 + (stop.number if isinstance(stop, Interrupted) else signal.SIGINT), _INTERRUPTED)
+        line = one_line(error) or ("out of memory; finished work is kept" if out_of_memory(error) else "")
         if not line:
             raise
         return _end(FAILED, line)
@@ -269,18 +203,12 @@ def _check_utf8(arguments: Sequence[str]) -> None:
 
 
 def console() -> None:
-    """What `cli.entry` runs: `main`, for runs in a child process, then an end without the interpreter's clean-up.
-
-    When the interpreter exits, OpenImageIO's binding prints a page about objects that colour-science still holds, which
-    means nothing to a user. Skipping the clean-up loses nothing: every file is closed or renamed by then.
-    """
+    """Run the installed program: `main`, in a child process for commands that train, and end with its status."""
     if sys.argv[1:2] in (["run"], ["ablate"]):
+        from dofbench.runtime.supervised import in_child
+
         in_child(FAILED)
-    signal.signal(signal.SIGINT, _interrupt)
-    status = main()
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(status)
+    sys.exit(main())
 
 
 def _end(status: int, message: str) -> int:
@@ -289,28 +217,22 @@ def _end(status: int, message: str) -> int:
 
 
 @contextmanager
-def _input_errors_unframed() -> Iterator[None]:
-    """Let an InputError from a settings class pass through tyro, which would print any ValueError in a frame and
-    exit."""
-    text = io.StringIO()
-    try:
-        with redirect_stderr(text):
-            yield
-    except SystemExit as end:
-        behind: BaseException | None = end
-        while behind is not None and not isinstance(behind, InputError):
-            behind = behind.__context__
-        if behind is not None:
-            raise behind from None
-        sys.stderr.write(text.getvalue())
-        raise
-
-
-@contextmanager
 def _signals_as_exceptions() -> Iterator[None]:
-    """SIGTERM ends a command the way Ctrl-C does: through its `finally` blocks, with files whole."""
-    previous = signal.signal(signal.SIGTERM, _interrupt)
+    """End a command by SIGTERM as by Ctrl-C: through its `finally` blocks, with files whole.
+
+    A signal that comes twice within a second, from the terminal and forwarded by the parent process, counts once.
+    """
+    last: dict[int, float] = {}
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        now = time.monotonic()
+        earlier, last[number] = last.get(number), now
+        if earlier is None or now - earlier >= _REPEATED:
+            raise Interrupted(number)
+
+    previous = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, previous)
+        for number, handler in previous.items():
+            signal.signal(number, handler)

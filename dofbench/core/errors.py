@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import errno
 import resource
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from enum import StrEnum
 
 # Characters of a part of a message: a file with a thousand mistakes has its first ones named.
@@ -21,6 +22,14 @@ class InputError(ValueError):
     def __init__(self, subject: object, found: str, expected: str):
         self.subject, self.found, self.expected = str(subject), found, expected
         super().__init__(f"{printable(subject)}: found {printable(found)}, expected {printable(expected)}")
+
+
+def unknown(subject: object, value: str, known: Iterable[str]) -> InputError:
+    """The error for a name that isn't one of `known`: it says which are, and which one was probably meant."""
+    names = sorted(known)
+    near = difflib.get_close_matches(value, names, n=1)
+    asked = f"; did you mean {near[0]}?" if near else ""
+    return InputError(subject, repr(value) if value else "nothing", f"one of {', '.join(names) or 'none'}{asked}")
 
 
 def first_line(message: Callable[[], str]) -> str:
@@ -59,7 +68,7 @@ def one_line(error: BaseException) -> str:
     if isinstance(error, InputError):
         return str(error)
     if isinstance(error, OSError) and error.errno in _REFUSALS:
-        return f"{error.filename or 'a file'}: {error.strerror}; what is finished stays"
+        return f"{error.filename or 'a file'}: {error.strerror}; finished work is kept"
     return ""
 
 

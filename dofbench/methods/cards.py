@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from dofbench.core.budget import Budget, parse_budget
 from dofbench.core.content import method_folders
 from dofbench.core.contracts import Method
-from dofbench.core.errors import InputError
+from dofbench.core.errors import InputError, unknown
 from dofbench.core.readable import read_toml
 from dofbench.methods.stages.stage_deciders import DECIDERS, LENS_DECIDERS
 from dofbench.runtime.devices import KINDS, kind_of, resolve
@@ -183,7 +183,7 @@ class MethodEntry:
             on_device = self.card.gpu_preset if kind_of(device) != "cpu" else None
             name = (self.card.builtin_preset if builtin else None) or on_device or self.card.default_preset
         if name not in self.card.presets:
-            raise InputError(f"preset of {self.id}", repr(name), f"one of {', '.join(self.card.presets)}")
+            raise unknown(f"preset of {self.id}", name, self.card.presets)
         options = dict(self.card.presets[name])
         if (base := options.pop("extends", None)) is not None:
             options = {**self.card.presets[base], **options}
@@ -265,7 +265,7 @@ def find_method(method_id: str) -> MethodEntry:
     """The method with this id; no other's method.toml is read. Raises InputError that lists what there is."""
     files = method_files()
     if method_id not in files:
-        raise InputError("method", repr(method_id), f"one of {', '.join(files) or 'none: no method is installed'}")
+        raise unknown("method", method_id, files)
     return _entry(files[method_id])
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+from dofbench.core.options import options
 
-@dataclass(frozen=True)
+
+@options()
 class Report:
     """Make leaderboards, curves and per-view tables of every result below a folder."""
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
 
 from dofbench.core.errors import InputError
+from dofbench.core.options import OneBudget, options
 from dofbench.evaluation.results.run_spec import CallOptions, SeveralOptions, command_line
-from dofbench.running.budget_options import OneBudget
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class Ablate(SeveralOptions, CallOptions):
     """Run declared tables of switches over datasets and seeds, and write them beside the paper's figures. What a row
     sets itself wins over --set and --preset."""
@@ -24,7 +26,7 @@ class Ablate(SeveralOptions, CallOptions):
     """The method whose ablations.toml declares the tables."""
     tables: Path | None = None
     """Another file that declares the tables."""
-    seeds: int = 3
+    seeds: Annotated[int, Field(ge=1)] = 3
     """Seeds per row and dataset: 0, 1, ..."""
     budget: OneBudget = None
     """As of `dofbench run`, for every row. Default: the preset's."""
@@ -36,9 +38,6 @@ class Ablate(SeveralOptions, CallOptions):
     """Folder for the tables."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.seeds < 1:
-            raise InputError("--seeds", str(self.seeds), "at least 1")
         if not self.folders:
             raise InputError("--data", repr(self.data), "dataset folders, comma-separated")
 

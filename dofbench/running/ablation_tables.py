@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from dofbench.core.errors import InputError
+from dofbench.core.errors import InputError, unknown
 from dofbench.core.readable import read_toml
 from dofbench.datasets.format.dealing import Dealt
 from dofbench.datasets.format.inputs import Inputs
@@ -130,5 +130,5 @@ def chosen_tables(declaration: Declaration, ids: tuple[str, ...]) -> tuple[Table
     known = {table.id: table for table in declaration.tables}
     for one in ids:
         if one not in known:
-            raise InputError("--table", repr(one), f"one of {', '.join(known)}")
+            raise unknown("--table", one, known)
     return tuple(known[one] for one in ids) if ids else declaration.tables

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from dofbench.core.clock import timestamp
 from dofbench.core.contracts import Method
-from dofbench.core.errors import InputError, Status
+from dofbench.core.errors import InputError, Status, unknown
 from dofbench.core.files import files_below, sha256_file
 from dofbench.core.images import read_image, to_8bit
 from dofbench.core.progress import Terminal, say
@@ -150,7 +150,7 @@ def _columns(metrics: str | None) -> tuple[str, ...]:
     wanted = tuple(dict.fromkeys(part.strip() for part in metrics.split(",")))
     for column in wanted:
         if column not in known:
-            raise InputError("--metrics", repr(column), f"one of {', '.join(known)}")
+            raise unknown("--metrics", column, known)
     return wanted
 
 

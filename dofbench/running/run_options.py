@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
 
 from dofbench.core.errors import InputError
+from dofbench.core.options import SeveralBudgets, options
 from dofbench.evaluation.results.run_spec import Run, RunOptions, SeveralOptions
-from dofbench.running.budget_options import SeveralBudgets
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class Runs(SeveralOptions, RunOptions):
     """Train methods on datasets, score them and write a result for every run. Several methods, datasets, presets,
     budgets or seeds make a matrix: every combination is a run of its own, in a process of its own."""
@@ -28,13 +31,10 @@ class Runs(SeveralOptions, RunOptions):
     """When training stops: 300s, 5min, 7000it, or both (300s,7000it), whichever comes first. Time alone is all used,
     however many steps the preset has. Several, with spaces between, are runs of their own: --budget 60s 300s.
     Default: the preset's steps."""
-    seeds: int = 1
+    seeds: Annotated[int, Field(ge=1)] = 1
     """How many seeds: --seed, --seed + 1, ..."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.seeds < 1:
-            raise InputError("--seeds", str(self.seeds), "at least 1")
         if self.photographs is not None and self.data is not None:
             raise InputError("--photographs", "--data too", "one of them")
         if self.width is not None and (self.photographs is None or self.width < 8):

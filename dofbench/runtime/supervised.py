@@ -9,7 +9,6 @@ import pickle
 import resource
 import signal
 import sys
-import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import NoReturn
@@ -21,7 +20,6 @@ OnDeath = Callable[[str, float], str]
 FORWARDED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 _PR_SET_PDEATHSIG = 1
 _TERMINAL = 0x80  # si_code of a signal that the kernel sent, as Ctrl-C: the child has it too
-_REPEATED = 1.0  # seconds within which a second signal is the first one that came twice
 
 _send: Callable[[bytes | None], object] | None = None
 
@@ -50,24 +48,11 @@ def recorded(action: bytes | None, watch: MemoryWatch, number: int) -> tuple[str
     """
     why = watch.evidence(number)
     if not why or action is None:
-        return (f"out of memory: {why}; what is finished stays" if why else ""), False
+        return (f"out of memory: {why}; finished work is kept" if why else ""), False
     try:
         return pickle.loads(action)(why, watch.peak_mb), True
     except Exception as error:  # another process has taken the work over, the disk is full, or no memory here either
         return f"out of memory: {why}, which couldn't be recorded: {error}", False
-
-
-class Repeats:
-    """Drops a signal that comes twice within a second: from the terminal or `timeout`, and forwarded by the parent."""
-
-    def __init__(self) -> None:
-        self._last: dict[int, float] = {}
-
-    def __call__(self, number: int) -> bool:
-        """Whether the signal `number` is such a repetition."""
-        now = time.monotonic()
-        last, self._last[number] = self._last.get(number), now
-        return last is not None and now - last < _REPEATED
 
 
 def in_child(failed: int) -> None:
@@ -112,15 +97,15 @@ def _end_as(child: int, pipe: Connection, waited: set[signal.Signals], failed: i
         except EOFError:
             pass
     if status >= 0:
-        os._exit(status)
+        sys.exit(status)
     line, _ = recorded(action, watch, -status)
     if line:
         print(f"dofbench: {line}", file=sys.stderr, flush=True)
-        os._exit(failed)
+        sys.exit(failed)
     # The caller is shown the signal itself, as if there were no process in between; one core file is enough.
     resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
     if -status not in (signal.SIGKILL, signal.SIGSTOP):
         signal.signal(-status, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_SETMASK, ())
     os.kill(os.getpid(), -status)
-    os._exit(128 - status)
+    sys.exit(128 - status)

@@ -39,7 +39,7 @@ def write_colmap(
     2D points are the projections. The rig and frame files of newer COLMAP are left out: it
     makes them up itself, and older readers don't know them. offset: added to all positions.
     """
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     _check_equal(len(file_names), len(cameras), "file_names", "cameras")
     model = pycolmap.Reconstruction()
@@ -181,7 +181,7 @@ def _sightings(points: PointCloud | None, views: int) -> list[np.ndarray]:
 
 
 def _add_points(model: Any, points: PointCloud, sightings: Sequence[np.ndarray]) -> None:
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     tracks: list[list[pycolmap.TrackElement]] = [[] for _ in range(len(points))]
     for view, seen in enumerate(sightings):

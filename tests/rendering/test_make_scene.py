@@ -121,7 +121,7 @@ def test_a_killed_run_goes_on(made: Path, tmp_path: Path, repository: Path) -> N
     for number, image in ((signal.SIGTERM, "images/view_000.png"), (signal.SIGKILL, "lens/view_000_a1_f0.2.exr")):
         done = killed(command, (tmp_path / "s" / image).is_file, number=number, environment=path)
         if number == signal.SIGTERM and done.returncode:
-            assert done.returncode == 128 + signal.SIGTERM and "goes on from what is finished" in done.stdout
+            assert done.returncode == 128 + signal.SIGTERM and "rerun the same command to resume" in done.stdout
     assert call(tmp_path / "s") == 0
     assert (tmp_path / "s" / "SHA256SUMS").read_text() == (made / "SHA256SUMS").read_text()
 

@@ -51,7 +51,7 @@ def test_a_write_that_fails_in_the_middle(scene, dataset_folder, tmp_path, conte
     out = tmp_path / "out"
     with file_size_limit(limit):
         status, said = command(capsys, scene, "--out", out)
-    assert (status, said) == (1, f"dofbench: {out / file}: File too large; what is finished stays")
+    assert (status, said) == (1, f"dofbench: {out / file}: File too large; finished work is kept")
     whole = contents(dataset_folder)
     finished = {name: content for name, content in contents(out).items() if not name.startswith(".work")}
     assert finished.items() <= whole.items()
@@ -80,13 +80,13 @@ def test_a_full_disk(scene, dataset_folder, tmp_path, contents, capsys, room):
     try:
         status, said = command(capsys, scene, "--out", disk / "out")
         assert status == 1
-        assert re.fullmatch(rf"dofbench: {disk}/out\S*: No space left on device; what is finished stays", said)
+        assert re.fullmatch(rf"dofbench: {disk}/out\S*: No space left on device; finished work is kept", said)
         assert subprocess.run(["mount", "-o", "remount,size=10m", str(disk)], capture_output=True).returncode == 0
         assert command(capsys, scene, "--out", disk / "out")[0] == 0
         assert contents(disk / "out") == contents(dataset_folder)
         assert subprocess.run(["mount", "-o", "remount,ro", str(disk)], capture_output=True).returncode == 0
         status, said = command(capsys, scene, "--out", disk / "other")
-        assert (status, said) == (1, f"dofbench: {disk / 'other'}: Read-only file system; what is finished stays")
+        assert (status, said) == (1, f"dofbench: {disk / 'other'}: Read-only file system; finished work is kept")
     finally:
         subprocess.run(["umount", "-l", str(disk)], capture_output=True)
 
@@ -96,7 +96,7 @@ def test_a_read_only_folder(scene, tmp_path, capsys):
     tmp_path.chmod(0o500)
     status, said = command(capsys, scene, "--out", tmp_path / "out")
     tmp_path.chmod(0o700)
-    assert (status, said) == (1, f"dofbench: {tmp_path / 'out'}: Permission denied; what is finished stays")
+    assert (status, said) == (1, f"dofbench: {tmp_path / 'out'}: Permission denied; finished work is kept")
 
 
 def cut(file):

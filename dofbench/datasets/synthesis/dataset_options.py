@@ -5,33 +5,17 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from dataclasses import Field, dataclass, fields
+from dataclasses import Field, field, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
+from pydantic import Field as Bounds
 
 from dofbench.core.blur import Blur
 from dofbench.core.errors import InputError
 from dofbench.core.lens import ALPHA, GAMMA, LAYERS, ApertureShape, Energy, SceneRenderer
-from dofbench.core.number_lists import number_list, numbers, spelled
-from dofbench.core.option_rules import (
-    DEGREES,
-    NOT_NEGATIVE,
-    POSITIVE,
-    AtMostWith,
-    DefaultWith,
-    EachFrom,
-    NeededWith,
-    Needs,
-    NotBeside,
-    OnlyWith,
-    at_least,
-    check,
-    flag,
-    given,
-    option,
-)
+from dofbench.core.options import NumberList, flag, given, options, spelled
 from dofbench.datasets.format.dealing import Assign
 from dofbench.datasets.format.points_choice import Points
 from dofbench.datasets.format.sensor import Sensor
@@ -52,185 +36,193 @@ LinearFormat = Literal["exr-half", "exr-float"]
 # photographs. place: locations on this machine, which don't affect the content.
 About = Literal["scene", "blur", "seed", "place"]
 
-_LISTS = ("focus", "aperture", "test_focus", "test_aperture")
-_TWO_ENDS = AtMostWith("assign", "continuous", 2, "the two ends of a range, or one value")
-_THE_SPLIT = NotBeside("hold", "one of them: either says which views are held out")
-_BOTH = "both: photographs to train on, and others to test with"
+Share = Annotated[float, Bounds(ge=0, le=1)]
 
 
-def _disc_after_all(options: DatasetOptions) -> bool:
-    return options.aperture_shape.is_disc  # also true for a polygon whose blades are curved to a full disc
+def _option(default: Any, about: About, *, sharp: bool = False, kept_with: str | None = None) -> Any:
+    return field(default=default, metadata={"about": about, "sharp": sharp, "kept_with": kept_with})
 
 
-_DISC = DefaultWith("renderer", "thinlens", "a disc, without obstruction", unless=_disc_after_all)
-
-
-@dataclass(frozen=True)
+@options()
 class DatasetOptions:
     """The options that making one dataset and making several have in common.
 
-    Each field declares the rules for its value and for its combination with other options (`core.option_rules`), and
-    what it is about (`About`). sharp: whether the sharp images and the depth depend on the option. kept_with: the
-    option is part of the recipe only if this other option is set, so that the recipes of older datasets stay the same.
+    Each field says what it is about (`About`). sharp: the sharp images and the depth depend on the option. kept_with:
+    the option is part of the recipe only if this other option is set, so that older datasets keep their recipes.
     """
 
-    data_root: Path | None = option(None, about="place")
+    data_root: Path | None = _option(None, "place")
     """Folder that holds named datasets (`dofbench scenes` lists them); without it, the one in DOFBENCH_DATA."""
 
-    focus: Annotated[tuple[float, ...], number_list("--focus")] = option(
-        (0.2, 0.5, 0.8), EachFrom(0, 1), _TWO_ENDS, about="blur"
-    )
+    focus: NumberList[Share] = _option((0.2, 0.5, 0.8), "blur")
     """Focus values, comma-separated: normalised disparity, 0 far to 1 near."""
 
-    aperture: Annotated[tuple[float, ...], number_list("--aperture")] = option(
-        (0.5, 1.0), EachFrom(0, 1), _TWO_ENDS, about="blur"
-    )
+    aperture: NumberList[Share] = _option((0.5, 1.0), "blur")
     """Aperture values, comma-separated: 1 blurs by 2 % of the width per unit of disparity, 0 not at all."""
 
-    width: int | None = option(None, at_least(8), about="scene", sharp=True)
+    width: Annotated[int, Bounds(ge=8)] | None = _option(None, "scene", sharp=True)
     """Image width in pixels; without it, a named dataset's usual one, else the scene's own."""
 
-    hold: int | None = option(None, at_least(2), about="scene", sharp=True)
+    hold: Annotated[int, Bounds(ge=2)] | None = _option(None, "scene", sharp=True)
     """Every hold-th view, from the first, is a test view; without it, the named dataset's or the scene's own split (as
     in test.txt or transforms.json), or 8."""
 
-    depth: str = option("auto", about="scene", sharp=True)
+    depth: str = _option("auto", "scene", sharp=True)
     """Where depth comes from: the scene (given), maps of z-depth in a folder (folder:DIR), a reconstruction (splat),
     its sparse points (sfm), a monocular network aligned to them (onnx:FILE with FILE.toml beside it, or the shipped
     onnx:depthnet), or given if there is any, else splat (auto)."""
 
-    depth_unit: float = option(1.0, POSITIVE, about="scene", sharp=True)
+    depth_unit: Annotated[float, Bounds(gt=0)] = _option(1.0, "scene", sharp=True)
     """Scene units per unit of the maps of --depth folder:DIR."""
 
-    depth_steps: int = option(3000, at_least(1), about="blur", sharp=True)
+    depth_steps: Annotated[int, Bounds(ge=1)] = _option(3000, "blur", sharp=True)
     """Training steps of the reconstruction behind --depth splat."""
 
-    gamma: float = option(GAMMA, DefaultWith("renderer", "thinlens", f"{GAMMA}, as its scenes have"), about="blur")
+    gamma: float = _option(GAMMA, "blur")
     """Display encoding: linear light is the encoded image to this power."""
 
-    alpha: float = option(ALPHA, about="blur")
+    alpha: float = _option(ALPHA, "blur")
     """Steepness of the blur disc's edge, per pixel."""
 
-    shape: str = option("disc", _DISC, about="blur")
+    shape: str = _option("disc", "blur")
     """Aperture shape: disc, or N-gon with N blades, such as 5-gon."""
 
-    shape_rotation: float = option(0.0, DEGREES, about="blur")
+    shape_rotation: float = _option(0.0, "blur")
     """Direction of the polygon's first corner, degrees from right towards down."""
 
-    shape_curvature: float = option(0.0, about="blur")
+    shape_curvature: float = _option(0.0, "blur")
     """How far the polygon's blades bulge: 0 straight to 1 a disc."""
 
-    shape_obstruction: float = option(0.0, _DISC, about="blur")
+    shape_obstruction: float = _option(0.0, "blur")
     """Radius of a central stop as a share of the aperture's, 0 to below 1."""
 
-    energy: Energy = option("area", about="blur")
+    energy: Energy = _option("area", "blur")
     """Scatter weight: divided by the disc's area, or as printed in the paper's Algorithm 1."""
 
-    renderer: SceneRenderer = option("scatter", about="blur")
+    renderer: SceneRenderer = _option("scatter", "blur")
     """scatter: as in the paper, without occlusion; layered: depth layers composited from back to front; thinlens:
     rendered again through a real lens with mitsuba, for scenes made by make-scene."""
 
-    layers: int = option(LAYERS, about="blur")
+    layers: int = _option(LAYERS, "blur")
     """Depth layers of --renderer layered."""
 
-    lens_samples: int = option(4096, at_least(2), about="blur")
+    lens_samples: Annotated[int, Bounds(ge=2)] = _option(4096, "blur")
     """Rays per pixel of --renderer thinlens, each through its own lens point."""
 
-    normaliser: Normaliser = option("scene", about="blur")
+    normaliser: Normaliser = _option("scene", "blur")
     """The disparity range that focus and aperture refer to: one for the scene, or one for every view."""
 
-    assign: Assign = option("per-view", about="blur")
+    assign: Assign = _option("per-view", "blur")
     """How views get their lenses: per-view, the grid of focus and aperture values is distributed over the views; fixed,
     all views have one lens, and a dataset is made for each lens of the grid; held-out, the test views have a grid of
     their own; continuous, lenses are drawn from the ranges that the values span."""
 
-    test_focus: Annotated[tuple[float, ...] | None, number_list("--test-focus")] = option(
-        None,
-        OnlyWith("assign", "held-out"),
-        NeededWith("assign", "held-out", "focus values of the test views"),
-        EachFrom(0, 1),
-        about="blur",
-    )
+    test_focus: NumberList[Share] | None = _option(None, "blur")
     """Focus values of the test views for --assign held-out; they must differ from those of the training views."""
 
-    test_aperture: Annotated[tuple[float, ...] | None, number_list("--test-aperture")] = option(
-        None, OnlyWith("assign", "held-out"), EachFrom(0, 1), about="blur"
-    )
+    test_aperture: NumberList[Share] | None = _option(None, "blur")
     """Aperture values of the test views for --assign held-out; without it, 0 and the training views'."""
 
-    photons: float = option(0.0, NOT_NEGATIVE, about="blur")
+    photons: Annotated[float, Bounds(ge=0)] = _option(0.0, "blur")
     """Shot noise: photons that a pixel at full scale collects, 0 for no such noise."""
 
-    read_noise: float = option(0.0, NOT_NEGATIVE, about="blur")
+    read_noise: Annotated[float, Bounds(ge=0)] = _option(0.0, "blur")
     """Read noise: standard deviation in linear light whose full scale is 1."""
 
-    bits: Bits = option(8, about="blur")
+    bits: Bits = _option(8, "blur")
     """Bits per channel of the photographs that methods train on."""
 
-    linear: LinearFormat = option("exr-half", about="blur")
+    linear: LinearFormat = _option("exr-half", "blur")
     """Format of the images before encoding."""
 
-    seed: int = option(0, at_least(0), about="seed", sharp=True)
+    seed: Annotated[int, Bounds(ge=0)] = _option(0, "seed", sharp=True)
     """Seed of the assignment of lenses, and of the reconstruction."""
 
-    images: str | None = option(None, about="scene", sharp=True)
+    images: str | None = _option(None, "scene", sharp=True)
     """Folder of images inside the scene; without it, the layout's usual folder."""
 
-    layout: str = option("auto", about="scene", sharp=True)
+    layout: str = _option("auto", "scene", sharp=True)
     """Layout of the scene folder: nerfstudio, llff, colmap, dofnerf, deblurnerf, or auto to detect it. This option
     decides if a folder has several layouts; auto ignores a transforms.json whose frame differs from that of the COLMAP
     model beside it."""
 
-    alpha_channel: Alpha | None = option(None, about="scene", sharp=True, kept_with="alpha_channel")
+    alpha_channel: Alpha | None = _option(None, "scene", sharp=True, kept_with="alpha_channel")
     """What an alpha channel of the images means: mask, transparent pixels are neither trained on nor scored; or
     background, they are composited over black. Without it: mask, with a note."""
 
-    skip_missing: bool = option(False, about="scene", sharp=True, kept_with="skip_missing")
+    skip_missing: bool = _option(False, "scene", sharp=True, kept_with="skip_missing")
     """Skip poses whose image files are missing, such as photographs that were deleted after structure from motion, and
     name them; without it, they are an error."""
 
-    points: Points = option("scene", about="scene", kept_with="points")
+    points: Points = _option("scene", "scene", kept_with="points")
     """Where the points come from that a method gets: the scene's own (scene); or, by the given poses, triangulated
     between the photographs of the training views alone, as they are before (sharp) or after (shallow) the blur. Depth,
     lenses and photographs are the same with all three."""
 
-    photographs: Photographs = option("auto", about="scene", kept_with="photographs")
+    photographs: Photographs = _option("auto", "scene", kept_with="photographs")
     """Whether the scene's photographs are shallow already, by an unknown lens: auto, as the layout implies; shallow,
     all of them; shallow-train, the training photographs, while the test photographs are sharp. Such photographs aren't
     blurred, and unknown properties are left out of the dataset."""
 
-    train_f_number: float | None = option(
-        None, POSITIVE, Needs("test_f_number", _BOTH), _THE_SPLIT, about="scene", kept_with="train_f_number"
-    )
+    train_f_number: Annotated[float, Bounds(gt=0)] | None = _option(None, "scene", kept_with="train_f_number")
     """Train only on the photographs taken at this f-number, by their EXIF; together with --test-f-number. For
     photographs that are shallow already."""
 
-    test_f_number: float | None = option(
-        None, POSITIVE, Needs("train_f_number", _BOTH), _THE_SPLIT, about="scene", kept_with="train_f_number"
-    )
+    test_f_number: Annotated[float, Bounds(gt=0)] | None = _option(None, "scene", kept_with="train_f_number")
     """Test with the photographs of this f-number, and leave out those of any other: the score is how well the learned
     aperture, scaled by the ratio of the two, predicts them."""
 
-    test_points: int = option(100, at_least(0), about="scene", kept_with="train_f_number")
+    test_points: Annotated[int, Bounds(ge=0)] = _option(100, "scene", kept_with="train_f_number")
     """With --test-f-number: leave out test photographs that share fewer sparse points with the training photographs,
     because surfaces that no training photograph saw tell nothing about the aperture."""
 
-    reuse: Path | None = option(None, about="place")
+    reuse: Path | None = _option(None, "place")
     """A finished dataset that differs in --points alone: its images and depth are copied instead of made again."""
 
-    out: Path | None = option(None, about="place")
+    out: Path | None = _option(None, "place")
     """Folder to write, or with several datasets the folder that contains them all; without it, data/<scene name>."""
 
     def __post_init__(self) -> None:
-        for name in _LISTS:
-            if (values := getattr(self, name)) is not None:
-                object.__setattr__(self, name, numbers(flag(name), values))
-        check(self)
+        self._check_lenses()
         _ = self.blur, self.depth_source
-        if self.train_f_number is not None and self.train_f_number == self.test_f_number:
-            raise InputError("--train-f-number", f"{self.train_f_number:g}, as --test-f-number", "two f-numbers")
+        if self.renderer == "thinlens":
+            self._check_thin_lens()
+        self._check_f_numbers()
+
+    def _check_lenses(self) -> None:
+        for name in ("test_focus", "test_aperture"):
+            if given(self, name) and self.assign != "held-out":
+                only = "--assign held-out, the only one that uses it"
+                raise InputError(flag(name), f"--assign {self.assign}", only)
+        if self.assign == "held-out" and self.test_focus is None:
+            raise InputError("--assign held-out", "no --test-focus", "focus values of the test views")
         if self.test_focus is not None and (shared := sorted(set(self.test_focus) & set(self.focus))):
             raise InputError("--test-focus", f"{shared[0]:g}, a training focus too", "values that no training view has")
+        for name in ("focus", "aperture") if self.assign == "continuous" else ():
+            if (count := len(getattr(self, name))) > 2:
+                ends = "the two ends of a range, or one value"
+                raise InputError(f"{flag(name)} with --assign continuous", f"{count} values", ends)
+
+    def _check_thin_lens(self) -> None:
+        subject = "--renderer thinlens"
+        if given(self, "gamma"):
+            raise InputError(subject, f"--gamma {self.gamma:g}", f"{GAMMA}, as its scenes have")
+        if not self.aperture_shape.is_disc:  # a polygon whose blades are curved to a full disc is one
+            name = "shape" if given(self, "shape") else "shape_obstruction"
+            raise InputError(subject, f"{flag(name)} {getattr(self, name)}", "a disc, without obstruction")
+
+    def _check_f_numbers(self) -> None:
+        for name, other in (("train_f_number", "test_f_number"), ("test_f_number", "train_f_number")):
+            if getattr(self, name) is None:
+                continue
+            if getattr(self, other) is None:
+                both = "both: photographs to train on, and others to test with"
+                raise InputError(flag(name), f"no {flag(other)}", both)
+            if self.hold is not None:
+                one = "one of them: either says which views are held out"
+                raise InputError(flag(name), f"--hold {self.hold} too", one)
+        if self.train_f_number is not None and self.train_f_number == self.test_f_number:
+            raise InputError("--train-f-number", f"{self.train_f_number:g}, as --test-f-number", "two f-numbers")
 
     @property
     def depth_source(self) -> tuple[DepthSource, Path | None]:
@@ -295,7 +287,7 @@ class DatasetOptions:
         """Raise InputError if an option about blur is given, since the photographs of this scene are shallow
         already."""
         for at in fields(DatasetOptions):
-            if at.metadata["about"] == "blur" and given(self, at):
+            if at.metadata["about"] == "blur" and given(self, at.name):
                 value = getattr(self, at.name)
                 raise InputError(
                     flag(at.name),
@@ -330,7 +322,7 @@ class DatasetOptions:
 
     def _is_kept(self, at: Field[Any]) -> bool:
         other = at.metadata.get("kept_with")
-        return other is None or given(self, self.__dataclass_fields__[other])
+        return other is None or given(self, other)
 
     def _plain(self, name: str) -> object:
         if name == "depth":
@@ -356,7 +348,7 @@ class DatasetOptions:
         return shlex.join(words)
 
 
-@dataclass(frozen=True)
+@options()
 class MakeDataset(DatasetOptions):
     """One shallow depth-of-field dataset. The lens is known if the scene is all in focus, else unknown."""
 
@@ -370,7 +362,7 @@ class MakeDataset(DatasetOptions):
         super().__post_init__()
 
 
-@dataclass(frozen=True)
+@options()
 class MakeDatasets(DatasetOptions):
     """Make shallow depth-of-field datasets: from all-in-focus scenes with a known lens, or from photographs that are
     shallow already, whose lens is unknown."""
@@ -379,7 +371,7 @@ class MakeDatasets(DatasetOptions):
     """Scene folders in any supported layout, built-in scenes, scenes of named datasets, such as llff/fern, or names of
     datasets for all their scenes; without any, the built-in scene."""
 
-    jobs: int | None = option(None, at_least(1))
+    jobs: Annotated[int, Bounds(ge=1)] | None = None
     """Datasets to make at the same time, each in a process of its own; without it, one for each core."""
 
     like: Path | None = None

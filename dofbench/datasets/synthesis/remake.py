@@ -10,7 +10,7 @@ from typing import Any
 
 from dofbench import __version__
 from dofbench.core.errors import InputError
-from dofbench.core.option_rules import flag
+from dofbench.core.options import flag
 from dofbench.core.progress import Progress
 from dofbench.datasets.format.schema import MANIFEST, Manifest, read_manifest
 from dofbench.datasets.synthesis.builder import make

@@ -14,7 +14,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from dofbench.core.errors import InputError
+from dofbench.core.errors import InputError, unknown
 from dofbench.core.similarity import psnr, ssim
 from dofbench.evaluation.metrics.delta_e import delta_e
 from dofbench.evaluation.metrics.flip import flip
@@ -220,7 +220,7 @@ METRICS: dict[str, Metric] = {
 def metric(metric_id: str) -> Metric:
     """The metric of that id. Raises InputError for an unknown one."""
     if metric_id not in METRICS:
-        raise InputError("metric", repr(metric_id), f"one of {', '.join(METRICS)}")
+        raise unknown("metric", metric_id, METRICS)
     return METRICS[metric_id]
 
 

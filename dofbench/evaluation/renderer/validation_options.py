@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+from dofbench.core.options import options
 
-@dataclass(frozen=True)
+
+@options()
 class ValidateRenderer:
     """Compare the renderers with optical blur: planes before an exact thin lens, rendered scenes, real light fields."""
 

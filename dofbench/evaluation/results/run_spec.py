@@ -6,16 +6,18 @@ import json
 import shlex
 import tomllib
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from dofbench.core.budget import Budget
+from pydantic import Field
+
 from dofbench.core.errors import InputError
+from dofbench.core.options import OneBudget, flag, options
 from dofbench.datasets.format.inputs import Inputs
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class CallOptions:
     """Options of every command that makes runs."""
 
@@ -27,19 +29,15 @@ class CallOptions:
     """Only print what would be done and left out, which runs are finished, and an estimate of the time."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class SeveralOptions:
     """Options of commands that make several runs."""
 
-    jobs: int = 1
+    jobs: Annotated[int, Field(ge=1)] = 1
     """Runs at the same time, each in a process of its own with its share of the threads."""
 
-    def __post_init__(self) -> None:
-        if self.jobs < 1:
-            raise InputError("--jobs", str(self.jobs), "at least 1")
 
-
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class WhichMethods:
     """Options that choose the methods."""
 
@@ -50,7 +48,7 @@ class WhichMethods:
     on the built-in dataset, or its gpu_preset on a GPU."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class RunOptions(CallOptions, WhichMethods):
     """Options that a single run and a matrix of runs have in common; in a single run `method` and `preset` name one
     each."""
@@ -67,7 +65,7 @@ class RunOptions(CallOptions, WhichMethods):
     """Folder of results; a run writes to OUT/DATASET/METHOD-PRESET-seedN-KEY/, alone or in a matrix."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@options(kw_only=True)
 class Run(RunOptions):
     """One run. (The command's options, which may name many runs, are in `dofbench.running.run_options`.)
 
@@ -75,7 +73,7 @@ class Run(RunOptions):
     """
 
     data: Path | None = None
-    budget: Budget | None = None
+    budget: OneBudget = None
 
     def command(self) -> str:
         """The command line of this run, with the options that differ from their defaults; paths as the user gave
@@ -90,7 +88,7 @@ def command_line(command: str, options: Any, *, without: Collection[str] = ()) -
         value = getattr(options, field.name)
         if value == field.default or field.name in without:
             continue
-        words.append("--" + field.name.replace("_", "-"))
+        words.append(flag(field.name))
         if isinstance(value, tuple):
             words.extend(map(str, value))
         elif value is not True:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from dofbench.core.errors import InputError
+from dofbench.core.errors import InputError, unknown
 from dofbench.evaluation.stability.case import Case
 from dofbench.evaluation.stability.stability_options import GROUPS, Stability
 from dofbench.methods.cards import find_method
@@ -26,18 +26,18 @@ def chosen(settings: Stability) -> tuple[Case, ...]:
     Raises InputError for an unknown name, and if no case is left.
     """
     if settings.kernel is not None and settings.kernel not in ops():
-        raise InputError("--kernel", repr(settings.kernel), f"one of {', '.join(ops())}")
+        raise unknown("--kernel", settings.kernel, ops())
     if settings.kernel is not None and settings.method is not None:
         raise InputError("--kernel", "--method as well", "one of them")
     if settings.method is not None:
         find_method(settings.method)
     for group in settings.group:
         if group not in GROUPS:
-            raise InputError("--group", repr(group), f"one of {', '.join(GROUPS)}")
+            raise unknown("--group", group, GROUPS)
     every = catalogue(settings.method)
     known = {case.id for case in every}
-    if unknown := [name for name in settings.case if name not in known]:
-        raise InputError("--case", repr(unknown[0]), "a case as `dofbench stability --dry-run` lists it")
+    if strange := [name for name in settings.case if name not in known]:
+        raise InputError("--case", repr(strange[0]), "a case as `dofbench stability --dry-run` lists it")
     left = [
         case
         for case in every

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
+
+from dofbench.core.options import options
 
 # Group of cases -> its heading in the table; `<group>_cases` is the group's module.
 GROUPS = {
@@ -20,7 +21,7 @@ GROUPS = {
 }
 
 
-@dataclass(frozen=True)
+@options()
 class Stability:
     """Run stiff and extreme cases and report which error bounds are met: as a table, and by the exit status."""
 

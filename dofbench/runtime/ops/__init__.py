@@ -21,7 +21,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from dofbench.core.content import content_folder
-from dofbench.core.errors import InputError
+from dofbench.core.errors import InputError, unknown
 from dofbench.runtime.backend import Backend
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def backends(op: str) -> tuple[str, ...]:
     """The backends of an op, sorted, the reference last. Raises InputError for an unknown op."""
     found = _found(tuple(__path__))
     if op not in found:
-        raise InputError("kernel", repr(op), f"one of {', '.join(ops())}")
+        raise unknown("kernel", op, ops())
     return found[op]
 
 

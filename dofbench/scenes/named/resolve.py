@@ -56,5 +56,6 @@ def _unknown(text: str, library: Mapping[str, NamedDataset]) -> InputError:
             if scene.of is None:
                 names.setdefault(scene.name, label)
     close = dict.fromkeys(names[name] for name in difflib.get_close_matches(text, names, n=_CLOSE))
-    expected = " or ".join(close) if close else f"a scene folder, or one of {', '.join(library)}"
+    meant = f"a scene; did you mean {' or '.join(close)}?"
+    expected = meant if close else f"a scene folder, or one of {', '.join(library)}"
     return InputError(text, "no such folder, built-in scene or named dataset", expected)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
+from pydantic import Field
 
-from dofbench.core.errors import InputError
-from dofbench.core.number_lists import number_list, numbers
-from dofbench.core.option_rules import EachFrom, Is, at_least, check, option
+from dofbench.core.errors import InputError, unknown
+from dofbench.core.options import NumberList, options
 
 Variant = Literal["auto", "llvm_ad_rgb", "scalar_rgb"]
 ALL = "all"
@@ -20,7 +19,7 @@ REPORT = ("attic", "firtree", "glaze", "moss", "spokes", "street")
 NAMES = tuple(sorted((*DEVELOPMENT, *REPORT)))
 
 
-@dataclass(frozen=True)
+@options()
 class MakeScene:
     """Render a procedural scene with ground truth: pinhole images, exact depth, photographs through a real thin
     lens."""
@@ -33,40 +32,40 @@ class MakeScene:
     """Folder to write; without it, data/scenes/RECIPE. With the recipe all: the folder that gets one folder per
     scene."""
 
-    views: int = option(20, at_least(2))
+    views: Annotated[int, Field(ge=2)] = 20
     """Number of views."""
 
-    width: int = option(320, at_least(8))
+    width: Annotated[int, Field(ge=8)] = 320
     """Image width, pixels."""
 
-    height: int = option(240, at_least(8))
+    height: Annotated[int, Field(ge=8)] = 240
     """Image height, pixels."""
 
     path: Literal["forward", "orbit"] = "forward"
     """Camera path: side by side looking forward, or an arc around the middle of the scene."""
 
-    samples: int = option(512, at_least(2))
+    samples: Annotated[int, Field(ge=2)] = 512
     """Rays per pixel of the pinhole images."""
 
-    lens_views: int = option(2, at_least(0))
+    lens_views: Annotated[int, Field(ge=0)] = 2
     """How many of the views are photographed through the lenses; 0 for none."""
 
-    lens_samples: int = option(4096, at_least(2))
+    lens_samples: Annotated[int, Field(ge=2)] = 4096
     """Rays per pixel, each through its own lens point, of every photograph through a lens."""
 
-    focus: Annotated[tuple[float, ...], number_list("--focus")] = option((0.2, 0.5, 0.8), EachFrom(0, 1))
+    focus: NumberList[Annotated[float, Field(ge=0, le=1)]] = (0.2, 0.5, 0.8)
     """Focus of the lenses, comma-separated: normalised disparity, 0 far to 1 near."""
 
-    aperture: Annotated[tuple[float, ...], number_list("--aperture")] = option((0.5, 1.0), EachFrom(1e-3, 10))
+    aperture: NumberList[Annotated[float, Field(ge=1e-3, le=10)]] = (0.5, 1.0)
     """Apertures of the lenses, comma-separated: 1 blurs by 2 % of the width per unit of disparity."""
 
-    seed: int = option(0, at_least(0))
+    seed: Annotated[int, Field(ge=0)] = 0
     """Seed of textures, props, camera path and the renderer's random numbers."""
 
     linear: Literal["exr-half", "exr-float"] = "exr-half"
     """Format of the images in linear light."""
 
-    depth_bits: int = option(23, at_least(1), Is(lambda bits: bits <= 23, "at most 23"))
+    depth_bits: Annotated[int, Field(ge=1, le=23)] = 23
     """Bits of the depth's fraction that are kept; 23 is all of them, fewer make smaller files."""
 
     variant: Variant = "auto"
@@ -74,10 +73,7 @@ class MakeScene:
 
     def __post_init__(self) -> None:
         if self.recipe not in (ALL, *NAMES):
-            raise InputError("recipe", repr(self.recipe), f"{ALL} or one of {', '.join(NAMES)}")
-        for name in ("focus", "aperture"):
-            object.__setattr__(self, name, numbers(f"--{name}", getattr(self, name)))
-        check(self)
+            raise unknown("recipe", self.recipe, (ALL, *NAMES))
         if self.lens_views > self.views:
             raise InputError("--lens-views", str(self.lens_views), f"at most the {self.views} views")
 

@@ -7,8 +7,7 @@ from dataclasses import fields
 from typing import Any
 
 from dofbench.core.markdown_text import block, literal
-from dofbench.core.number_lists import spelled
-from dofbench.core.option_rules import flag
+from dofbench.core.options import flag, spelled
 from dofbench.scenes.procedural.scene_options import MakeScene
 
 

@@ -26,7 +26,7 @@ def triangulate(cameras: Sequence[Camera], names: Sequence[str], images: Path, w
     work: a folder for the database. One thread and fixed seeds: the same images give the same points.
     Keypoints without a point are left out.
     """
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     pycolmap.set_random_seed(0)
     pycolmap.logging.minloglevel = pycolmap.logging.WARNING.value
@@ -90,7 +90,7 @@ def depth_errors(cameras: Sequence[Camera], model: Any, depths: Sequence[np.ndar
 def _posed(cameras: Sequence[Camera], names: Sequence[str], found: Any) -> Any:
     """A model with the given poses, and with the points of the model `found` unless that is None; ids count from 1 in
     order."""
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     first = cameras[0]
     model = pycolmap.Reconstruction()

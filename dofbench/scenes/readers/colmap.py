@@ -26,7 +26,7 @@ from dofbench.scenes.unused import fewer_points, other_format, skipped, without_
 from dofbench.scenes.views import Frame, among_all, assemble, check_inside, held_out
 
 if TYPE_CHECKING:
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
 # Pixels; no sensor has so many on a side.
 _LARGEST_SIDE = 1_000_000
@@ -160,7 +160,7 @@ def _model(
 ) -> Model:
     """The model whose files are in `place`. names: of its images, where pycolmap's aren't whole. poses: quaternion and
     translation in the file of images, which pycolmap passes over where there is one of frames."""
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     reconstruction = pycolmap.Reconstruction()
     try:
@@ -245,7 +245,7 @@ def _missing_points(reconstruction: pycolmap.Reconstruction, file: Path) -> tupl
 
 def _check_pose(image: pycolmap.Image, pose: Sequence[float], name: str, file: Path) -> None:
     """Raise InputError unless an image's pose in its file is the one that its frame and its rig give."""
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     quaternion, translation = np.array(pose[:4]), pose[4:]
     w, x, y, z = quaternion / np.linalg.norm(quaternion)

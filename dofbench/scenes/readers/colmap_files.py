@@ -57,7 +57,7 @@ def _count(content: bytes, at: int) -> int:
 
 
 def _cameras(content: bytes, file: Path) -> int:
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     end = 8
     for _ in range(_count(content, 0)):

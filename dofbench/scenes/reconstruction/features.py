@@ -42,7 +42,7 @@ def register_images(
 
     Where the poses are known, every photograph has its own camera, held as it is.
     """
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     group_of = {name: index for index, group in enumerate(groups) for name in group.names}
     with pycolmap.Database.open(database) as opened:
@@ -78,7 +78,7 @@ def extract(
     photographs that have one: no feature is taken where they are black. advance: called with the number of photographs
     done.
     """
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     reader = pycolmap.ImageReaderOptions()
     if masks is not None and masks.is_dir():
@@ -121,7 +121,7 @@ def scales(keypoints: np.ndarray) -> np.ndarray:
 
 def read(database: Path, photographs: Sequence[Prepared]) -> list[tuple[int, np.ndarray, np.ndarray]]:
     """Of every photograph: its id in the database, its keypoints (N, 4 or 6) and descriptors (N, 128) uint8."""
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     found = []
     with pycolmap.Database.open(database) as opened:
@@ -137,7 +137,7 @@ def read(database: Path, photographs: Sequence[Prepared]) -> list[tuple[int, np.
 
 
 def _camera(group: CameraGroup, model: str) -> Any:
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     camera = pycolmap.Camera.create_from_model_name(1, model, group.focal, group.width, group.height)
     camera.has_prior_focal_length = group.known
@@ -145,7 +145,7 @@ def _camera(group: CameraGroup, model: str) -> Any:
 
 
 def _known_camera(photograph: Prepared) -> Any:
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     known = photograph.camera
     assert known is not None

@@ -84,7 +84,7 @@ class _Placed:
 def _incremental(
     database: Path, folder: Path, work: Path, seed: int, demands: dict[str, float], placed: _Placed
 ) -> dict[int, Any]:
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads, options.random_seed, options.min_model_size = 1, seed, LEAST
@@ -104,7 +104,7 @@ def _incremental(
 
 
 def _global(database: Path, folder: Path, work: Path, seed: int) -> dict[int, Any]:
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     options = pycolmap.GlobalPipelineOptions()
     options.num_threads, options.random_seed, options.min_model_size = 1, seed, LEAST
@@ -152,7 +152,7 @@ def triangulate(
     sign: called often meanwhile. error: pixels in place of these 4, and the angle of twice as many in place of COLMAP's
     2 degrees between a ray and the point that it is taken to see.
     """
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     with pycolmap.Database.open(database) as opened:
         images = {image.name: image for image in opened.read_all_images()}

@@ -51,7 +51,7 @@ def match(
     work: folder for the list of pairs. advance: called with the number of pairs done. error: pixels by which a match
     may miss the geometry; None for COLMAP's own.
     """
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     matching = pycolmap.FeatureMatchingOptions()
     # With several threads COLMAP's search for similar features finds others now and then: with two, in 2 of 250 runs
@@ -77,7 +77,7 @@ def match(
 
 def verified(database: Path, photographs: Sequence[Prepared]) -> dict[Pair, int]:
     """Matches that one geometry explains, by pair of indices into `photographs`; pairs without any are left out."""
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     with pycolmap.Database.open(database) as opened:
         ids = {image.name: image.image_id for image in opened.read_all_images()}

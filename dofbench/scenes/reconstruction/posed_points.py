@@ -24,7 +24,7 @@ _FEATURES = 8192
 
 def program() -> str:
     """What triangulates, with its version."""
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     return f"pycolmap {pycolmap.__version__}"
 
@@ -37,7 +37,7 @@ def triangulated_points(
     Tracks index into `photographs` and have at least two views. work: a folder for everything in between, emptied
     first. The same photographs and seed give the same bytes on one machine.
     """
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     if len(photographs) < LEAST:
         return None

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
+from pydantic import Field
 
-from dofbench.core.errors import InputError
+from dofbench.core.options import flag, options
 from dofbench.scenes.scene import Alpha
 
 Matching = Literal["auto", "exhaustive", "sequential", "retrieval"]
@@ -17,7 +18,7 @@ Mapping = Literal["incremental", "global"]
 CameraModel = Literal["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
 
 
-@dataclass(frozen=True)
+@options()
 class Reconstruct:
     """Find the camera poses and sparse points of photographs or a video: the result is a scene for make-dataset.
 
@@ -36,10 +37,10 @@ class Reconstruct:
     images: str | None = None
     """Folder of photographs within the source; without it, the one with the largest photographs."""
 
-    size: int = 1600
+    size: Annotated[int, Field(ge=64)] = 1600
     """Longer side that photographs are shrunk to, pixels; smaller ones stay as they are."""
 
-    frames: int = 60
+    frames: Annotated[int, Field(ge=3)] = 60
     """Frames to take from a video: the sharpest of each of so many windows of equal length."""
 
     matching: Matching = "auto"
@@ -59,26 +60,14 @@ class Reconstruct:
     """What an alpha channel means: mask, no features in transparent pixels; or background, composited over black.
     Without it: mask, with a note."""
 
-    sensor_width: float | None = None
+    sensor_width: Annotated[float, Field(ge=1, le=200)] | None = None
     """Longer side of the sensor, mm (36 for full frame): where EXIF has no 35 mm equivalent, it makes mm to pixels."""
 
-    features: int = 8192
+    features: Annotated[int, Field(ge=100)] = 8192
     """Features of a photograph, at most; the coarsest ones are kept."""
 
-    seed: int = 0
+    seed: Annotated[int, Field(ge=0)] = 0
     """Seed of the random choices in matching and mapping."""
-
-    def __post_init__(self) -> None:
-        for option, value, lowest in (
-            ("--size", self.size, 64),
-            ("--frames", self.frames, 3),
-            ("--features", self.features, 100),
-            ("--seed", self.seed, 0),
-        ):
-            if value < lowest:
-                raise InputError(option, str(value), f"at least {lowest}")
-        if self.sensor_width is not None and not 1 <= self.sensor_width <= 200:
-            raise InputError("--sensor-width", f"{self.sensor_width:g}", "millimetres, from 1 to 200")
 
     def recipe(self) -> dict[str, Any]:
         """All that decides the result, as plain data: the options but for where things are."""
@@ -91,5 +80,5 @@ class Reconstruct:
         words = ["dofbench", "reconstruct", str(self.source), "--out", str(self.out)]
         for name, value in self.recipe().items():
             if value != defaults[name]:
-                words += [f"--{name.replace('_', '-')}", str(value)]
+                words += [flag(name), str(value)]
         return shlex.join(words)

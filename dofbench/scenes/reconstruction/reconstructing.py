@@ -45,7 +45,7 @@ def run(settings: Reconstruct, progress: Progress, say: Callable[[str], None] | 
 
     say: told that a stage of unknown length goes on; None prints it on standard error.
     """
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     if settings.mapping == "global" and not hasattr(pycolmap, "global_mapping"):
         found = f"global, which pycolmap {pycolmap.__version__} doesn't have"
@@ -213,7 +213,7 @@ class _Signs:
 
 
 def _read(folder: Path) -> Any:
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     model = pycolmap.Reconstruction()
     model.read_binary(folder)

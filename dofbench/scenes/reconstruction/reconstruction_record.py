@@ -37,7 +37,7 @@ def record(
 ) -> dict[str, Any]:
     """The content, plain data. digests: the source's. model: a pycolmap.Reconstruction. intrinsics: of each photograph
     with a pose, found."""
-    import pycolmap
+    from dofbench.scenes.colmap_binding import pycolmap
 
     return {
         "schema": SCHEMA,

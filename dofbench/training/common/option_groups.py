@@ -24,7 +24,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import Any, Literal, Self, get_args, get_origin, get_type_hints
 
-from dofbench.core.errors import InputError
+from dofbench.core.errors import InputError, unknown
 
 _FORM = re.compile(r"(?P<meaning>.+?) Unit: (?P<unit>.+?)\. Source: (?P<source>.+)\.")
 _TYPES = {bool: "true or false", int: "whole number", float: "number", str: "text"}
@@ -70,7 +70,7 @@ class OptionGroups:
         changes: dict[str, dict[str, Any]] = {}
         for name, value in overrides.items():
             if name not in places:
-                raise InputError(f"{subject} {name}", "an unknown name", f"one of {', '.join(sorted(places))}")
+                raise unknown(subject, name, places)
             group, kind = places[name]
             changes.setdefault(group, {})[name] = _converted(f"{subject} {name}", value, kind)
         groups = {group: replace(getattr(self, group), **values) for group, values in changes.items()}
@@ -133,7 +133,7 @@ _docstrings: Callable[[type], dict[str, str]] = cache(_found_docstrings)
 def _converted(subject: str, value: Any, kind: Any) -> Any:
     if get_origin(kind) is Literal:
         if value not in get_args(kind):
-            raise InputError(subject, repr(value), f"one of {', '.join(get_args(kind))}")
+            raise unknown(subject, str(value), get_args(kind))
         return value
     if kind is bool:
         words = {"true": True, "false": False, "1": True, "0": False}

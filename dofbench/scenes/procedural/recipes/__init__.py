@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Protocol, cast
 
-from dofbench.core.errors import InputError
+from dofbench.core.errors import unknown
 from dofbench.scenes.procedural.scene_options import NAMES
 from dofbench.scenes.procedural.stage import Stage, Viewpoints
 
@@ -23,5 +23,5 @@ class Recipe(Protocol):
 def recipe(name: str) -> Recipe:
     """The recipe of that name. Raises InputError when there is none."""
     if name not in NAMES:
-        raise InputError("recipe", repr(name), f"one of {', '.join(NAMES)}")
+        raise unknown("recipe", name, NAMES)
     return cast(Recipe, import_module(f"dofbench.scenes.procedural.recipes.{name}"))
