@@ -1,23 +1,23 @@
-"""What GPU kernels need of a GPU, compiled for GPUs that aren't here: kernels.csv and README.md in reports/gpu.
+"""Registers, spills and occupancy of every GPU kernel, compiled ahead of time without a GPU: kernels.csv.
 
     python -m benchmarks.gpu.kernels --out reports/gpu
 
 Every launch of a Triton kernel that training makes (`launches.py`) is compiled for each architecture. From the
 machine code come the registers of a thread, spilled bytes and the shared memory of a program, and from these the
 occupancy: which share of the threads that a multiprocessor can hold at once it holds of this kernel. A kernel that
-spills, or has less than half occupancy, needs a reason in kernels.toml beside this file; without one the command
-ends with status 1. No GPU and no driver are needed: Triton brings the assembler.
+spills, or has less than half occupancy, needs a reason in reasons.csv next to this file; without one the command ends
+with status 1. No GPU and no driver are needed: Triton brings the assembler.
 """
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import re
 import subprocess
 import sys
 import tempfile
-import tomllib
 from dataclasses import dataclass, fields
 from importlib import import_module
 from pathlib import Path
@@ -25,7 +25,7 @@ from typing import Any
 
 import tyro
 
-from dofbench.core.files import write_csv, write_text
+from dofbench.core.files import write_csv
 
 HERE = Path(__file__).resolve().parent
 LOW = 0.5  # occupancy
@@ -33,10 +33,10 @@ LOW = 0.5  # occupancy
 
 @dataclass(frozen=True)
 class Settings:
-    """Where the tables go, and for which architectures."""
+    """Where the table goes, and for which architectures."""
 
     out: Path
-    """Folder for kernels.csv and README.md."""
+    """Folder for kernels.csv."""
     architectures: tuple[int, ...] = (80, 90, 100)
     """Compute capabilities times ten: 80 is an A100, 89 an RTX 4090, 90 an H100, 100 a B200."""
 
@@ -85,16 +85,16 @@ class Row:
 
 
 def main(settings: Settings) -> None:
-    """Compile, write the tables, and end with status 1 where a kernel has no reason for what it needs."""
+    """Compile, write the table, and end with status 1 where a kernel has no reason for what it needs."""
     rows = [compiled(launch, one) for launch in launches() for one in settings.architectures]
     rows.sort(key=lambda row: (row.op, row.kernel, row.constants, row.architecture))
     settings.out.mkdir(parents=True, exist_ok=True)
     names = tuple(field.name for field in fields(Row))
     write_csv(settings.out / "kernels.csv", names, [{name: getattr(row, name) for name in names} for row in rows])
-    reasons = tomllib.loads((HERE / "kernels.toml").read_text(encoding="utf-8"))
-    write_text(settings.out / "README.md", page(rows, reasons))
+    with (HERE / "reasons.csv").open(encoding="utf-8", newline="") as stream:
+        reasons = {row["kernel"] for row in csv.DictReader(stream)}
     if lacking := unexplained(rows, reasons):
-        raise SystemExit("without a reason in kernels.toml: " + ", ".join(lacking))
+        raise SystemExit("without a reason in reasons.csv: " + ", ".join(lacking))
 
 
 def launches() -> list[dict[str, Any]]:
@@ -152,40 +152,10 @@ def usage(cubin: bytes) -> tuple[int, int, int]:
     return registers, stack, shared
 
 
-def unexplained(rows: list[Row], reasons: dict[str, Any]) -> list[str]:
+def unexplained(rows: list[Row], reasons: set[str]) -> list[str]:
     """Kernels that spill or fill less than half a multiprocessor, and have no reason listed."""
     needy = {f"{row.op}/{row.kernel}" for row in rows if row.spilled or row.occupancy < LOW}
-    return sorted(needy - reasons.keys())
-
-
-def page(rows: list[Row], reasons: dict[str, Any]) -> str:
-    """The table as Markdown: for each kernel its dearest configuration on each architecture."""
-    needy = [row for row in rows if row.spilled or row.occupancy < LOW]
-    lines = [
-        "# What the GPU's kernels need",
-        "",
-        f"Compiled ahead of time, on a machine without a GPU: {len(rows)} kernels in all configurations of training, "
-        f"of which {sum(row.spilled > 0 for row in rows)} spill and {sum(row.occupancy < LOW for row in rows)} have "
-        "less than half occupancy. Nothing here was run on a GPU; [what was](measured.md). All rows: "
-        "[kernels.csv](kernels.csv); of each kernel here the configuration with the most registers.",
-        "",
-        "| op | kernel | architecture | warps | registers | spilled [B] | shared [B] | occupancy |",
-        "| :--- | :--- | ---: | ---: | ---: | ---: | ---: | ---: |",
-    ]
-    dearest: dict[tuple[str, str, int], Row] = {}
-    for row in rows:
-        key = row.op, row.kernel, row.architecture
-        dearest[key] = max(dearest.get(key, row), row, key=lambda one: (one.spilled, one.registers))
-    for row in dearest.values():
-        cells = row.op, row.kernel, f"sm_{row.architecture}", row.warps, row.registers, row.spilled, row.shared
-        lines.append(f"| {' | '.join(map(str, cells))} | {row.occupancy:.0%} |")
-    if needy:
-        lines += ["", "## Why", ""]
-        lines += [
-            f"- `{name}`: {reasons[name]['reason']}"
-            for name in sorted({f"{r.op}/{r.kernel}" for r in needy} & reasons.keys())
-        ]
-    return "\n".join(lines) + "\n"
+    return sorted(needy - reasons)
 
 
 if __name__ == "__main__":

@@ -1,21 +1,21 @@
-"""What a GPU makes of it, in one go: gpu.json, measured.csv and measured.md.
+"""What a GPU makes of it, in one go: CSVs of agreement with the CPU, times, trainings and memory.
 
     python -m benchmarks.gpu.measure --out reports/gpu --data data/fern data/foliage-1008
 
-Parts, each kept in gpu.json when it is done, so that the same command goes on where it stopped; those that were made by
-other code or on another GPU are made anew:
+Parts, each kept in --work as soon as it is done, so that the same command resumes; parts that were made by other code
+or on another GPU are made again:
 
 - machine: the GPU, its driver, and the bandwidth of its memory, measured by copying.
-- agreement: every op's value and gradient beside the CPU backend's.
-- ops: the time of every op, forward and with its gradient, beside its floor, which is reading and writing its tensors
-  once at the bandwidth that was measured; and gsplat's rasteriser on the same Gaussians, where it can be imported.
-- cost: the rasteriser and the scatter over numbers of Gaussians, pixels and radii.
-- step: what a training step on each dataset is made of: its kernels, their launches, and what the host does meanwhile.
-- training: DoF-Gaussian on each dataset for 5 000 and for 30 000 steps: scores, time, pictures a second, memory.
+- agreement: value and gradient of every op against the CPU backend's.
+- ops: the time of every op, forward and with its gradient, and its floor, which is reading and writing its tensors once
+  at the measured bandwidth; and gsplat's rasteriser on the same Gaussians, where it can be imported.
+- cost: the rasteriser and the scatter renderer over numbers of Gaussians, pixels and radii.
+- step: a training step on each dataset: its kernels, their launches, and what the host does meanwhile.
+- training: DoF-Gaussian on each dataset for 5 000 and for 30 000 steps: scores, time, frames per second, memory.
 
-It needs what `pip install dofbench[gpu]` brings, and a GPU; no internet. Datasets are made before, on any machine
-(reports/gpu/README.md has the commands); one that isn't there is named and left out. A part that fails is reported with
-its error, and the others go on. Nothing begins after `--minutes`.
+It needs a GPU and `pip install dofbench[gpu]`; no internet. Datasets are made before, on any machine (docs/gpu.md has
+the commands); one that isn't there is named and skipped. A part that fails is reported with its error, and the others
+go on. Nothing begins after `--minutes`. `tables.py` writes the CSVs, `python benchmarks/make_pages.py gpu` the page.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from rich.console import Console
 from torch import Tensor
 
 from benchmarks.gpu.calls import CALLS, Call, Size, gradients
-from benchmarks.gpu.page import COLUMNS, floors, numbers, page
 from benchmarks.gpu.peer import both, gsplat
 from benchmarks.gpu.step import is_kernel, profiler, step_parts
+from benchmarks.gpu.tables import SCORES, write_tables
 from dofbench.core.budget import Budget
-from dofbench.core.files import read_json, write_csv, write_json, write_text
+from dofbench.core.files import read_json, write_json
 from dofbench.core.lens import PhysicalLens
 from dofbench.datasets.format.schema import MANIFEST
 from dofbench.evaluation.results.provenance import code_version, git_state, package_versions
@@ -52,7 +52,6 @@ from dofbench.running.one_run import run
 
 DEVICE = "cuda"
 CLOSE = 1e-5
-SCORES = ("psnr", "aif_psnr", "delta_a", "delta_f", "train_s", "gaussians")
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,9 @@ class Settings:
     """Where results go, and what is measured."""
 
     out: Path
-    """Folder of gpu.json and measured.md; trainings lie below it, in runs/."""
+    """Folder of the CSVs; rows of other GPUs stay."""
+    work: Path = Path("results/gpu")
+    """Folder of gpu.json, which holds the finished parts, and of the trainings."""
     data: tuple[Path, ...] = ()
     """Datasets to train on."""
     minutes: float = 8.0
@@ -232,7 +233,12 @@ def training(settings: Settings, data: Path, steps: int) -> dict[str, Any]:
         return {"left_out": f"{data} is no dataset"}
     budget = Budget(steps=steps)
     wanted = Run(
-        method="dofgaussian", preset=settings.preset, data=data, budget=budget, device=DEVICE, out=settings.out / "runs"
+        method="dofgaussian",
+        preset=settings.preset,
+        data=data,
+        budget=budget,
+        device=DEVICE,
+        out=settings.work / "runs",
     )
     end = run(wanted, Console(quiet=True))
     result = read_result(end.folder)
@@ -268,7 +274,7 @@ def parts(settings: Settings) -> Iterator[tuple[str, Callable[[], dict[str, Any]
 
 def measure(settings: Settings) -> dict[str, Any]:
     """Make every part that isn't there yet, and keep each at once; what is known afterwards."""
-    file = settings.out / "gpu.json"
+    file = settings.work / "gpu.json"
     head = {"gpu": torch.cuda.get_device_name(DEVICE), "code": code_version(find_method("dofgaussian").folder, DEVICE)}
     found = read_json(file) if file.is_file() else {}
     if {name: found.get(name) for name in head} != head:
@@ -295,15 +301,12 @@ def measure(settings: Settings) -> dict[str, Any]:
 
 
 def main(settings: Settings) -> int:
-    """Make what is missing and write the page; 1 where a part failed."""
+    """Make what is missing and write the CSVs; 1 where a part failed."""
     if not torch.cuda.is_available():
         print("no GPU that torch can use: torch.cuda.is_available() is False", file=sys.stderr)
         return 2
     found = measure(settings)
-    write_text(settings.out / "measured.md", page(found))
-    parts = {**found["parts"], "floors": floors(found["parts"])}
-    rows = [row for part, made in parts.items() for row in numbers(part, made)]
-    write_csv(settings.out / "measured.csv", COLUMNS, rows)
+    write_tables(settings.out, found)
     for name, problem in found.get("failed", {}).items():
         print(f"failed: {name}: {problem}", file=sys.stderr)
     return 1 if found.get("failed") else 0

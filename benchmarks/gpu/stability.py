@@ -3,9 +3,8 @@
     python -m benchmarks.gpu.stability --out reports/gpu
 
 Every case of kernels alone, on the device that tests/pretended_device.py pretends. The interpreter is slow, so a case
-is given up after `--seconds`, which its row says. Rows go into stability.csv one by one, and the same command goes on
-with what is missing; stability.md sums them up. Ends with status 1 where a bound isn't met and
-dofbench/evaluation/stability/limits.toml has no reason for it.
+is given up after `--seconds`, which its row says. Rows go into stability.csv one by one, and the same command
+resumes. Ends with status 1 where a bound isn't met and dofbench/evaluation/stability/limits.toml has no reason for it.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ import os
 import signal
 import sys
 import time
-from collections import Counter, defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -32,8 +30,7 @@ configure_threads()
 import pytest  # noqa: E402
 import tyro  # noqa: E402
 
-from dofbench.core.files import write_csv, write_text  # noqa: E402
-from dofbench.core.markdown_text import markdown_table  # noqa: E402
+from dofbench.core.files import write_csv  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 from pretended_device import pretended  # noqa: E402
@@ -47,7 +44,7 @@ class Settings:
     """Which cases are measured, and how long."""
 
     out: Path
-    """Folder of stability.csv and stability.md."""
+    """Folder of stability.csv."""
     seconds: float = 120.0
     """After so many a case is given up."""
     case: tuple[str, ...] = ()
@@ -107,35 +104,6 @@ def measured(case: Any, setting: Any, seconds: float) -> dict[str, str]:
     }
 
 
-def page(rows: list[dict[str, str]]) -> str:
-    """What the rows say, in Markdown: kernel by kernel, and each case whose bound isn't met or wasn't reached."""
-    counts = Counter(row["outcome"] for row in rows)
-    lines = [
-        "# Stiff and extreme cases in the GPU's kernels",
-        "",
-        "By Triton's interpreter, on a machine without a GPU, whose compiler may round in another order: "
-        + ", ".join(f"{count} {outcome}" for outcome, count in counts.most_common())
-        + f", of {len(rows)} cases. All rows: [stability.csv](stability.csv).",
-        "",
-    ]
-    by_kernel = defaultdict(list)
-    for row in rows:
-        by_kernel[row["kernel"]].append(row)
-    table = []
-    for kernel, those in sorted(by_kernel.items()):
-        met = [row for row in those if row["outcome"] == "met"]
-        shares = [float(row["error"]) / float(row["bound"]) for row in met if float(row["bound"]) > 0]
-        largest = f"{max(shares):.2f}" if shares else ""
-        table.append((kernel, str(len(those)), str(len(met)), largest))
-    lines += [*markdown_table(("kernel", "cases", "met", "largest error of these over its bound"), table, 1), ""]
-    rest = [
-        (row["case"], row["outcome"], row["error"], row["bound"], row["note"])
-        for row in rows
-        if row["outcome"] != "met"
-    ]
-    return "\n".join([*lines, *markdown_table(("case", "outcome", "error", "bound", "note"), rest, 2)]) + "\n"
-
-
 def main(settings: Settings) -> int:
     """Measure what isn't in the table yet."""
     file = settings.out / "stability.csv"
@@ -149,7 +117,6 @@ def main(settings: Settings) -> int:
             rows.append({name: row.get(name, "") for name in FIELDS})
             write_csv(file, FIELDS, rows)
             print(*(rows[-1][name] for name in ("case", "outcome", "error", "bound", "seconds")), flush=True)
-    write_text(settings.out / "stability.md", page(rows))
     wrong = [row["case"] for row in rows if row["outcome"] in ("not met", "failed")]
     for name in wrong:
         print(f"not met: {name}", file=sys.stderr)

@@ -52,23 +52,3 @@ def test_a_row_says_how_its_case_ended(error: float | None, outcome: str) -> Non
     assert row["outcome"].startswith("too slow" if outcome == "slow" else outcome)
     assert (row["case"], row["kernel"]) == ("group/name", "tone")
     assert row.get("note", "") == {"failed": "ValueError: no such kernel", "slow": ""}.get(outcome, "a note")
-
-
-def test_the_page_counts_what_the_rows_say() -> None:
-    rows = [
-        {"case": "a/b", "kernel": "tone", "error": "1", "bound": "2", "outcome": "met", "note": ""},
-        {"case": "a/c", "kernel": "tone", "error": "5", "bound": "4", "outcome": "known limit", "note": "why"},
-        {"case": "a/d", "kernel": "tone", "error": "0", "bound": "0", "outcome": "met", "note": ""},
-        {
-            "case": "a/e",
-            "kernel": "mix",
-            "error": "",
-            "bound": "",
-            "outcome": "too slow for the interpreter",
-            "note": "",
-        },
-    ]
-    page = stability.page(rows)
-    assert "2 met, 1 known limit, 1 too slow for the interpreter, of 4 cases" in page
-    assert "| tone | 3 | 2 | 0.50 |" in page and "| mix | 1 | 0 |  |" in page
-    assert "| a/c | known limit | 5 | 4 | why |" in page and "a/b" not in page
