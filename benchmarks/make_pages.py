@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import csv
 import difflib
+import math
 import re
 import statistics
 import sys
@@ -26,7 +27,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, TemplateError
 
 ROOT = Path(__file__).resolve().parents[1]
 SHOWN_NUMBER = re.compile(r"([-+]?\d[\d. ]*(e[-+]\d+)?)?%?")
-NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)(e[-+]\d+)?")
+NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)(e[-+]\d+)?|inf")
 Cell = float | str
 Row = Mapping[str, Cell]
 
@@ -42,7 +43,7 @@ def read_rows(file: Path) -> tuple[Row, ...]:
         raise PageError(f"{file.name}: no such file in {file.parent}")
 
     def cell(text: str) -> Cell:
-        return (float(text) if set(text) & set(".e") else int(text)) if NUMBER.fullmatch(text) else text
+        return (float(text) if set(text) & set(".ei") else int(text)) if NUMBER.fullmatch(text) else text
 
     with file.open(encoding="utf-8", newline="") as stream:
         return tuple({name: cell(text) for name, text in row.items()} for row in csv.DictReader(stream))
@@ -73,12 +74,14 @@ def only_cell(folder: Path, file: str, column: str, /, **conditions: Any) -> Cel
     return found[0][column]
 
 
-def of_column(summary: Callable[[list[float]], float], rows: Sequence[Row], column: str) -> float:
-    """A summary of a column's cells; empty ones don't count."""
+def of_column(
+    summary: Callable[[list[float]], float], rows: Sequence[Row], column: str, most: float = math.inf
+) -> float:
+    """A summary of a column's cells; empty ones don't count, larger ones than `most` count as that."""
     cells = [row[column] for row in rows if row[column] != ""]
     if not cells or any(isinstance(cell, str) for cell in cells):
         raise PageError(f"column {column!r}: numbers are needed, found {cells[:3]}")
-    return summary([float(cell) for cell in cells])
+    return summary([min(float(cell), most) for cell in cells])
 
 
 def fixed(value: Cell, digits: int = 2, sign: str = "") -> str:
