@@ -114,22 +114,33 @@ def test_what_counts_as_shared_wrongly(truth, shared, error):
     assert tables.wrongly_shared(_row(share=truth, shared=shared)) == error
 
 
-def test_the_table_counts_mistakes_and_names_what_failed(tmp_path):
+def test_the_tables_count_mistakes_by_length(tmp_path):
     rows = [
         _row(),
-        _row(case="lost", tried="no"),
-        _row(case="tied", share="view", apart="0.5"),
+        _row(case="lost", tried="no", share="scene", true_circle="0.9"),
+        _row(case="tied", share="view", kind="other"),
         _row(case="sharp", lens="no", tried="no"),
         _row(case="broken", tried="", status="dataset: found no points"),
+        _row(case="longer", steps="1000", tried="no"),
     ]
-    rows.append(_row(case="longer", steps="1000", tried="no"))
-    tables.write_table(tmp_path / "table.md", rows, [])
-    text = (tmp_path / "table.md").read_text()
-    assert "500 steps: 5 cases, of which 4 came to a decision" in text and "- broken: dataset: found no points" in text
-    assert "1000 steps: 1 cases" in text
-    assert "| trial | 1 of 3 (6–79 %) | 0 of 1 (0–79 %) | 0 of 0 |" in text
-    assert "| lost | 2.00 | 0.50 | 2.00 | +1.000 ± 0.100 | no lens |" in text and "| some |" not in text
-    assert "| tied | view | aperture | 0.50 | – | – | shared |" in text
+    tables.write_tables(tmp_path, rows)
+    rates, circles, kinds, sharing = (
+        [row for row in check.read(tmp_path / f"{name}.csv") if row.pop("steps") == "500"]
+        for name in ("rates", "circles", "kinds", "sharing")
+    )
+    assert rates[1] == {
+        "rule": "trial", "false_none": "1 of 3 (6–79 %)", "false_lens": "0 of 1 (0–79 %)", "faint_kept": "0 of 0",
+    }  # fmt: skip
+    assert [tuple(row.values()) for row in circles if row["one_of"] != "0" or row["several_of"] != "0"] == [
+        ("0.75", "1", "1", "1", "0", "0"), ("2", "", "0", "0", "0", "2"),
+    ]  # fmt: skip
+    assert {(row["kind"], row["truth"], row["cases"], row["trial"]) for row in kinds} == {
+        ("grid", "yes", "2", "1"), ("grid", "no", "1", "0"), ("other", "yes", "1", "1"),
+    }  # fmt: skip
+    assert {row["truth"]: (row["cases"], row["shared"][:6], row["apart"][:6]) for row in sharing} == {
+        "scene": ("1", "0 of 1", "0 of 1"), "aperture": ("1", "0 of 1", "0 of 1"), "exif": ("0", "–", "–"),
+        "view": ("1", "1 of 1", "0 of 1"),
+    }  # fmt: skip
 
 
 def test_training_ends_with_the_decision_whose_figures_are_kept(monkeypatch, tmp_path):

@@ -1,12 +1,11 @@
-"""How often the decision whether there is a lens, and whether photographs share it, is wrong.
+"""How often the decision whether there is a lens, and whether views share it, is wrong: CSVs in reports/lens.
 
     python -m benchmarks.lens.check --work DIR --scenes SCENES --out reports/lens [--seconds 3600]
 
-Makes the datasets of `cases.py` in DIR, small ones, and trains on each case until preset cpu's trials
-(`training/gaussians/trials.py`) have decided: one row of is-there-a-lens.csv per case and length of training, written
-as soon as it is known; a case with a row isn't measured again. With --cost, cases are trained to the end with a lens
-for each photograph, without a lens, and with a shared lens, to measure the cost of a wrong decision:
-is-there-a-lens-costs.csv. is-there-a-lens-table.md sums up both files.
+Makes the datasets of `cases.py` in DIR, small ones, and trains on each case until preset cpu's A/B checks have decided:
+one row of decisions.csv per case and length of training, written as soon as it is known; a case with a row isn't
+measured again. With --cost, cases are trained to the end with a per-view lens, without a lens, and with a shared lens:
+costs.csv has the cost of a wrong decision. `tables.py` sums up decisions.csv.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ import numpy as np
 import tyro
 
 from benchmarks.lens.cases import FAINT, Case, cases, load, make_datasets
-from benchmarks.lens.tables import write_table
+from benchmarks.lens.tables import write_tables
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import Decision
 from dofbench.core.errors import InputError
@@ -100,7 +99,7 @@ def main(settings: Settings) -> None:
     start = time.perf_counter()
     if settings.scenes is not None:
         make_datasets(settings.scenes, settings.work, lambda name: print(name, flush=True), settings.only)
-    table, costs = settings.out / "is-there-a-lens.csv", settings.out / "is-there-a-lens-costs.csv"
+    table, costs = settings.out / "decisions.csv", settings.out / "costs.csv"
 
     def late() -> bool:
         return bool(settings.seconds) and time.perf_counter() - start > settings.seconds
@@ -115,7 +114,7 @@ def main(settings: Settings) -> None:
         fill(costs, COST_COLUMNS, pairs, lambda key, case: cost(case, key["way"], settings), late)
     else:
         fill(table, COLUMNS, keyed, lambda key, case: decided(case, settings), late)
-    write_table(settings.out / "is-there-a-lens-table.md", read(table), read(costs))
+    write_tables(settings.out, read(table))
 
 
 def read(file: Path) -> list[dict[str, str]]:
