@@ -8,8 +8,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from dofbench.core.files import write_csv
 from dofbench.methods.stages.stage_deciders import CLEAR_BLUR, NEEDLESS_BLUR
-from dofbench.reporting.csv_writer import write_csv
 
 Row = dict[str, str]
 

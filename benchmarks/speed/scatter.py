@@ -27,7 +27,7 @@ configure_threads()  # before torch and numba are imported
 import numpy as np  # noqa: E402
 import tyro  # noqa: E402
 
-from dofbench.reporting.csv_writer import write_csv  # noqa: E402
+from dofbench.core.files import write_csv  # noqa: E402
 
 KINDS = ("waves", "edges", "plane")
 DISPARITIES = 0.1, 1.0  # disparity range of the photographed scene, 1 / scene unit
