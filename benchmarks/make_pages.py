@@ -127,22 +127,12 @@ def table(rows: Sequence[Row], columns: Mapping[str, str], digits: Mapping[str, 
     return markdown_table(list(columns.values()), [[shown(name, row[name]) for name in columns] for row in rows])
 
 
-def grid(rows: Sequence[Row], down: str, across: str, column: str, digits: int) -> str:
-    """A Markdown table of one column by two others, in the order of the rows; a pair without a row is empty."""
-    found = {(row[down], row[across]): fixed(row[column], digits) if row[column] != "" else "" for row in rows}
-    if len(found) < len(rows):
-        raise PageError(f"{column}: several rows of one {down} and {across}")
-    names, heads = dict.fromkeys(key for key, _ in found), dict.fromkeys(key for _, key in found)
-    cells = [[str(name), *(found.get((name, head), "") for head in heads)] for name in names]
-    return markdown_table([down, *map(str, heads)], cells)
-
-
 def render(template: Path, root: Path) -> str:
     """The page of a template. Raises PageError with the template's line."""
     loader, folder = FileSystemLoader(template.parent), root / "reports" / template.parent.name
     environment = Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True)
     environment.globals |= {"rows": partial(select, folder), "value": partial(only_cell, folder)}
-    environment.globals |= {"table": table, "grid": grid, "ranked": ranked}
+    environment.globals |= {"table": table, "ranked": ranked}
     for summary in (statistics.mean, statistics.median, statistics.stdev):
         environment.globals[summary.__name__] = partial(of_column, summary)
     environment.filters |= {

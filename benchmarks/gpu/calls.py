@@ -1,4 +1,4 @@
-"""One call of each op as training makes it, for `measure.py`: its tensors, and what is called with them."""
+"""One call of each op as training makes it, for `measure.py`."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ NAMES = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_re
 
 @dataclass(frozen=True)
 class Size:
-    """Of a picture, pixels, of its circles of confusion, pixels, and how many Gaussians it shows; of a field, nodes a
-    side, rays, and samples of each."""
+    """Size of the calls: image and CoC radius in pixels, number of Gaussians; nodes a side of a field, its rays and
+    samples a ray; depth planes of stereo."""
 
     width: int = 504
     height: int = 378
@@ -37,8 +37,8 @@ class Size:
 
 @dataclass(frozen=True)
 class Call:
-    """inputs: tensors on the CPU. run: called with them, on any device; its results. learns: whether the inputs have
-    gradients."""
+    """A call of an op. inputs: tensors on the CPU. run: takes them on any device, returns the outputs. learns: whether
+    the inputs have gradients."""
 
     inputs: tuple[Tensor, ...]
     run: Callable[..., list[Tensor]]
@@ -68,8 +68,7 @@ def random_scene(n: int, width: int, height: int, pixels: float, seed: int = 0) 
 
 
 def gaussians(size: Size) -> tuple[list[Tensor], Camera]:
-    """Random Gaussians over a picture and a little beyond, each as wide as what it covers: three of them to a pixel's
-    area on average, as in trained scenes."""
+    """Random Gaussians over an image and a little beyond, three to a pixel's area on average, as in trained scenes."""
     pixels = 1.7 * (size.width * size.height / size.gaussians) ** 0.5
     return random_scene(size.gaussians, size.width, size.height, pixels)
 
@@ -80,7 +79,7 @@ def _pictures(size: Size, count: int = 1) -> list[Tensor]:
 
 
 def tone(size: Size) -> Call:
-    """Decoding a picture."""
+    """Decode an image."""
     return Call(tuple(_pictures(size)), lambda image: [load("tone")(image, 2.2, 0.002, 0.002**1.2)])
 
 
@@ -92,13 +91,13 @@ def ssim(size: Size) -> Call:
 
 
 def scatter(size: Size) -> Call:
-    """A ramp of circles of confusion from one side to the other."""
+    """Scatter a ramp of CoC radii from one side to the other."""
     ramp = torch.linspace(-size.radius, size.radius, size.width).repeat(size.height, 1)
     return Call((*_pictures(size), ramp), lambda image, radius: [load("scatter")(image, radius)])
 
 
 def surface(size: Size) -> Call:
-    """Circles of confusion of a slanted surface with holes in it."""
+    """CoC radii of a slanted surface with holes."""
     depth = torch.linspace(1.0, 4.0, size.width).repeat(size.height, 1)
     random = torch.Generator().manual_seed(5)
     alpha = torch.rand(size.height, size.width, generator=random)
@@ -112,7 +111,7 @@ def surface(size: Size) -> Call:
 
 
 def known_depth(size: Size) -> Call:
-    """A depth known in every pixel, as the depth prior has it at most, in disparity."""
+    """The error of a depth that is known in every pixel, in disparity."""
     random = torch.Generator().manual_seed(6)
     pixels, count = torch.arange(size.width * size.height), size.width * size.height
     known, shares = 1 + torch.rand(count, generator=random), torch.rand(count, generator=random)
@@ -128,19 +127,19 @@ def known_depth(size: Size) -> Call:
 
 
 def colours(size: Size) -> Call:
-    """A picture's colours, mixed."""
+    """An affine map of an image's colours."""
     change = torch.rand(3, 4, generator=torch.Generator().manual_seed(7))
     return Call((*_pictures(size), change), lambda image, matrix: [load("colours")(image, matrix)])
 
 
 def mix(size: Size) -> Call:
-    """Kernels of 9 x 9 pixels."""
+    """Blur kernels of 9 × 9 pixels."""
     logits = torch.randn(size.height, size.width, 81, generator=torch.Generator().manual_seed(2))
     return Call((*_pictures(size), logits), lambda image, weights: [load("mix")(image, weights)])
 
 
 def rasterize(size: Size) -> Call:
-    """Colour, opacity and depth of one picture."""
+    """Colour, opacity and depth of one image."""
     parameters, camera = gaussians(size)
 
     def run(*inputs: Tensor) -> list[Tensor]:
@@ -151,7 +150,7 @@ def rasterize(size: Size) -> Call:
 
 
 def rasterize_from_points(size: Size) -> Call:
-    """A picture from each of five points of the lens."""
+    """An image from each of five aperture samples."""
     parameters, camera = gaussians(size)
     random = torch.Generator().manual_seed(3)
     radius = size.radius * (2 * torch.rand(size.gaussians, generator=random) - 1)
@@ -167,10 +166,10 @@ def rasterize_from_points(size: Size) -> Call:
 
 @dataclass(frozen=True)
 class FieldRays:
-    """Rays through a cube, from one side to the other, and what they go through.
+    """Rays through a cube, from one side to the other.
 
-    learned: of the grid. origins, directions: (R, 3) in the cube. places: (S,) of each ray's samples. length: of a
-    sample.
+    learned: tensors of the grid. origins, directions: (R, 3) in the cube. places: (S,) of each ray's samples. length:
+    of a sample.
     """
 
     shape: GridShape
@@ -187,7 +186,7 @@ class FieldRays:
 
 
 def field_rays(size: Size) -> FieldRays:
-    """Of the call of `field`."""
+    """The rays of the call of `field`."""
     shape, random = GridShape((size.nodes,) * 3, 8, 16, 9), torch.Generator().manual_seed(4)
 
     def drawn(*sizes: int) -> Tensor:
@@ -202,7 +201,7 @@ def field_rays(size: Size) -> FieldRays:
 
 
 def field(size: Size) -> Call:
-    """Rays that learn too, as a lens makes them."""
+    """Render rays with gradients of their own, as a lens needs."""
     rays = field_rays(size)
     count = size.rays * size.samples
     rest = {
@@ -221,7 +220,7 @@ def field(size: Size) -> Call:
 
 
 def stereo(size: Size) -> Call:
-    """A sweep of four views beside one, each moved by a little, and the paths through its scores."""
+    """A plane sweep over four shifted views, and semi-global paths through its scores."""
     grey = [image.mean(2) for image in _pictures(size, SOURCES + 1)]
     maps = torch.eye(3, 4, dtype=torch.float64).repeat(SOURCES, 1, 1)
     maps[:, 0, 3] = 10 * torch.arange(1, SOURCES + 1, dtype=torch.float64)

@@ -4,7 +4,7 @@
 
 Every launch of a Triton kernel that training makes (`launches.py`) is compiled for each architecture. From the
 machine code come the registers of a thread, spilled bytes and the shared memory of a program, and from these the
-occupancy: which share of the threads that a multiprocessor can hold at once it holds of this kernel. A kernel that
+occupancy: the share of a multiprocessor's threads that the kernel can fill. A kernel that
 spills, or has less than half occupancy, needs a reason in reasons.csv next to this file; without one the command ends
 with status 1. No GPU and no driver are needed: Triton brings the assembler.
 """

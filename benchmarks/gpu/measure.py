@@ -1,4 +1,4 @@
-"""What a GPU makes of it, in one go: CSVs of agreement with the CPU, times, trainings and memory.
+"""Measure a GPU in one go: agreement with the CPU, times, trainings and memory, as CSVs.
 
     python -m benchmarks.gpu.measure --out reports/gpu --data data/fern data/foliage-1008
 
@@ -56,7 +56,7 @@ CLOSE = 1e-5
 
 @dataclass(frozen=True)
 class Settings:
-    """Where results go, and what is measured."""
+    """What to measure."""
 
     out: Path
     """Folder of the CSVs; rows of other GPUs stay."""
@@ -65,31 +65,31 @@ class Settings:
     data: tuple[Path, ...] = ()
     """Datasets to train on."""
     minutes: float = 8.0
-    """No part begins after so many minutes."""
+    """Minutes after which no part begins."""
     steps: tuple[int, ...] = (5000, 30000)
     """Lengths of the trainings."""
     preset: str = "gpu"
-    """Of the trainings."""
+    """Preset of the trainings."""
     warm: int = 2000
-    """Steps before the ones that are taken apart."""
+    """Warm-up steps before the profiled ones."""
     profiled: int = 20
-    """Steps that are taken apart."""
+    """Profiled steps."""
     size: Size = Size()
-    """Of the ops' calls."""
+    """Size of the ops' calls."""
     counts: tuple[int, ...] = (10_000, 100_000, 1_000_000, 5_000_000)
-    """Numbers of Gaussians whose cost is measured."""
+    """Numbers of Gaussians of the part cost."""
     widths: tuple[int, ...] = (252, 504, 1008, 2016)
-    """Widths of pictures, four to three, whose cost is measured."""
+    """Image widths of the part cost, pixels, at 4:3."""
     radii: tuple[float, ...] = (2.0, 8.0, 32.0)
-    """Largest circles of confusion, pixels, whose cost is measured."""
+    """Largest CoC radii of the part cost, pixels."""
     repeats: int = 20
     """Calls whose median is taken."""
     only: tuple[str, ...] = ()
-    """Parts to make: those whose names begin so; all where nothing is said."""
+    """Parts to make, by the beginnings of their names; all by default."""
 
 
 def milliseconds(call: Callable[[], object], repeats: int) -> float:
-    """Median time of a call on the GPU, after two that aren't counted."""
+    """Median time of a call on the GPU, ms, after two warm-up calls."""
     times = []
     for number in range(repeats + 2):
         torch.cuda.synchronize()
@@ -102,7 +102,7 @@ def milliseconds(call: Callable[[], object], repeats: int) -> float:
 
 
 def busy(call: Callable[[], object], repeats: int) -> float:
-    """How long the GPU works on a call, ms: the sum of its kernels' times, without the gaps between them."""
+    """GPU time of a call, ms: the sum of its kernels, without gaps."""
     call()
     torch.cuda.synchronize()
     with profiler() as seen:
@@ -221,14 +221,14 @@ def cost(settings: Settings) -> dict[str, Any]:
 
 
 def step(settings: Settings, data: Path) -> dict[str, Any]:
-    """What a step of DoF-Gaussian is made of."""
+    """Profile a training step of DoF-Gaussian."""
     if not (data / MANIFEST).is_file():
         return {"left_out": f"{data} is no dataset"}
     return step_parts(data, "dofgaussian", settings.preset, DEVICE, settings.warm, settings.profiled)
 
 
 def training(settings: Settings, data: Path, steps: int) -> dict[str, Any]:
-    """One run on a dataset, and how fast its model renders a test view."""
+    """Train on a dataset, and time how fast the model renders a test view."""
     if not (data / MANIFEST).is_file():
         return {"left_out": f"{data} is no dataset"}
     budget = Budget(steps=steps)
@@ -253,7 +253,7 @@ def training(settings: Settings, data: Path, steps: int) -> dict[str, Any]:
     for name, lens in (("fps", None), ("fps_lens", view.physical_lens)):
 
         def shown(lens: PhysicalLens | None = lens) -> object:
-            # A camera of its own, since what the last one saw is kept. The picture stays on the GPU, as in a viewer.
+            # A new camera, since the last one's image is cached. The image stays on the GPU, as in a viewer.
             return exposures.image_and_depth(replace(view.camera), lens)
 
         found[name] = 1e3 / milliseconds(shown, settings.repeats)
@@ -261,7 +261,7 @@ def training(settings: Settings, data: Path, steps: int) -> dict[str, Any]:
 
 
 def parts(settings: Settings) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
-    """Every part by its name, in the order in which they are made: what says most in the least time comes first."""
+    """The parts by name, the most informative in the least time first."""
     for name, part in (("machine", machine), ("ops", ops), ("agreement", agreement)):
         yield name, lambda part=part: part(settings)
     for data in settings.data:
@@ -273,7 +273,7 @@ def parts(settings: Settings) -> Iterator[tuple[str, Callable[[], dict[str, Any]
 
 
 def measure(settings: Settings) -> dict[str, Any]:
-    """Make every part that isn't there yet, and keep each at once; what is known afterwards."""
+    """Make every missing part, keep each at once, and return all."""
     file = settings.work / "gpu.json"
     head = {"gpu": torch.cuda.get_device_name(DEVICE), "code": code_version(find_method("dofgaussian").folder, DEVICE)}
     found = read_json(file) if file.is_file() else {}

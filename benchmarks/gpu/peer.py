@@ -1,4 +1,4 @@
-"""gsplat's rasteriser with this project's settings, for `measure.py`: a peer of the same task, where installed."""
+"""gsplat's rasteriser with this project's settings, for `measure.py`, where it is installed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NEAR, FILTER = 0.2, 0.1  # this project's near plane, scene units, and 2D filter
 
 
 def gsplat(size: Size) -> Call:
-    """Colour, opacity and expected depth of the picture that `calls.rasterize` draws.
+    """Colour, opacity and expected depth of the image that `calls.rasterize` draws.
 
     Raises ImportError where gsplat isn't installed, or its CUDA part isn't there.
     """

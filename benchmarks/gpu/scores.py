@@ -1,4 +1,4 @@
-"""Whether trainings on a GPU end where trainings on a CPU do: scores.csv.
+"""Compare scores of trainings on a GPU with those on a CPU: scores.csv.
 
     dofbench run --method METHODS --preset cpu --budget 1000it --device cuda --data data/fern252 --out results/gpu
     dofbench run --method METHODS --preset cpu --budget 1000it --device cpu --seeds 3 --data data/fern252 \\
@@ -28,7 +28,7 @@ COLUMNS = ("method", "score", "gpu", "cpu", "difference", "cpu_least", "cpu_most
 
 @dataclass(frozen=True)
 class Settings:
-    """Which results are compared."""
+    """Results to compare."""
 
     gpu: Path
     """Folder of the results of trainings on a GPU."""

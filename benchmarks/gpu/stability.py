@@ -2,9 +2,9 @@
 
     python -m benchmarks.gpu.stability --out reports/gpu
 
-Every case of kernels alone, on the device that tests/pretended_device.py pretends. The interpreter is slow, so a case
-is given up after `--seconds`, which its row says. Rows go into stability.csv one by one, and the same command
-resumes. Ends with status 1 where a bound isn't met and dofbench/evaluation/stability/limits.toml has no reason for it.
+Kernel cases only, on the pretended device of tests/pretended_device.py. The interpreter is slow, so a case is given up
+after `--seconds`, and its row says so. Rows go into stability.csv one by one, and the same command resumes. Ends with
+status 1 where a bound isn't met and dofbench/evaluation/stability/limits.toml has no reason for it.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ FIELDS = ("case", "kernel", "error", "bound", "outcome", "note", "seconds")
 
 @dataclass(frozen=True)
 class Settings:
-    """Which cases are measured, and how long."""
+    """What to measure."""
 
     out: Path
     """Folder of stability.csv."""
     seconds: float = 120.0
-    """After so many a case is given up."""
+    """Seconds after which a case is given up."""
     case: tuple[str, ...] = ()
-    """These cases alone, as group/name; all where none is named."""
+    """Cases to measure, as group/name; all by default."""
 
 
 class TooSlow(BaseException):

@@ -1,4 +1,4 @@
-"""What a training step on a GPU is made of: its kernels, how often each is launched, and what the host does."""
+"""Profile a training step on a GPU: its kernels, their launches, and calls of the host."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def profiler() -> profile:
 
 
 def is_kernel(event: Any) -> bool:
-    """Whether an average of a profile is the GPU's own, and no remark of torch's that spans kernels."""
+    """Whether an entry of a profile is a GPU kernel, not an annotation that spans kernels."""
     return event.device_type == torch.autograd.DeviceType.CUDA and not event.key.startswith("Optimizer.")
 
 
@@ -46,14 +46,14 @@ class Watch:
     _began: float = 0.0
 
     def seconds(self) -> float:
-        """No time is limited."""
+        """No time limit."""
         return 0.0
 
     def stage(self, name: str, done: int, total: int) -> None:
-        """Nothing is shown of it."""
+        """Ignored."""
 
     def after_step(self, step: int, loss: float) -> bool:
-        """False behind the last step."""
+        """Time and profile; False after the last step."""
         now = time.perf_counter()
         if self.warm < step <= self.warm + self.count:
             self.times.append(1e3 * (now - self._began))
@@ -69,8 +69,8 @@ class Watch:
 
 
 def step_parts(data: Path, method_id: str, preset: str | None, device: str, warm: int, count: int) -> dict[str, Any]:
-    """Of a step of a Gaussian method: its time, the GPU's busy time, launches; and of every kernel and of the host's
-    calls their time, ms, and number in a step."""
+    """Time, GPU time and launches of a step of a Gaussian method; time, ms, and number a step of longest kernels and
+    host calls."""
     entry, training_set = find_method(method_id), Dataset.load(data).training_set("shallow")
     _, options, _ = entry.preset(preset)
     method = entry.create(options, 0, device)

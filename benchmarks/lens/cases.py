@@ -1,7 +1,7 @@
-"""The cases of `check.py`: small datasets, and which of their photographs are used.
+"""The cases of `check.py`: small datasets, and the training views that are used.
 
-A case is a dataset, some of its training photographs, shallow or sharp, and the truth: whether there is a lens, and
-whether the photographs share it. Cases of one kind are in random order, and kinds alternate, so that the first part of
+A case is a dataset, some of its training views, with or without defocus, and the truth: whether there is a lens, and
+whether the views share it. Cases of one kind are in random order, and kinds alternate, so that the first part of
 the list is a representative sample of it.
 """
 

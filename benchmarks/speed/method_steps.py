@@ -1,13 +1,16 @@
-"""What a training step of each method takes, and what its own parts must take: method-steps.csv.
+"""Time of a training step of each method, and of its parts: method-steps.csv.
 
     python -m benchmarks.speed.method_steps DATASET --out reports/speed
 
-Every method trains with its default preset on the dataset's photographs; fields with as many rays a step as is said
-here. OMP_NUM_THREADS says how many cores a training may use. `step_ms` is the mean of the last tenth of the steps but
-one, since a profiler makes steps longer; the last tenth is profiled: `kernels_ms` is the time in this project's ops and
-their gradients, `products_ms` that in matrix products and convolutions of the
-method's networks, `adam_ms` that of the optimiser; `rest_ms` is all else, mostly element-wise operations, copies and
-Python. `ratio` is the step over kernels, products and optimiser together. `threads`: how many cores it could use.
+Every method trains with its default preset on the dataset's training views, fields with `--rays` rays a step.
+OMP_NUM_THREADS sets the cores. Columns:
+
+- step_ms: mean of the last tenth of the steps but one, since a profiler makes steps longer; the last tenth is profiled
+- kernels_ms: this project's ops and their gradients
+- products_ms: matrix products and convolutions of the method's networks
+- adam_ms: the optimiser
+- rest_ms: all else, mostly element-wise operations, copies and Python
+- ratio: the step over kernels, products and optimiser together
 """
 
 from __future__ import annotations
@@ -77,11 +80,11 @@ class Profiled:
         self._began = 0.0
 
     def seconds(self) -> float:
-        """No time is limited."""
+        """No time limit."""
         return 0.0
 
     def after_step(self, step: int, loss: float) -> bool:
-        """Begin to time behind eight tenths of the steps, to profile behind nine."""
+        """Time from eight tenths of the steps on, profile from nine."""
         if step == self._first - self.count:
             self._began = time.perf_counter()
         if step == self._first:
@@ -92,11 +95,11 @@ class Profiled:
         return True
 
     def stage(self, name: str, done: int, total: int) -> None:
-        """Nothing is shown of it."""
+        """Ignored."""
 
 
 def kind_of(name: str) -> str:
-    """Where an event of the profile belongs."""
+    """The column of a profile's event."""
     low = name.lower()
     if any(word in low for word in ADAM):
         return "adam_ms"
@@ -106,7 +109,7 @@ def kind_of(name: str) -> str:
 
 
 def row(method_id: str, dataset: Dataset, settings: Settings) -> dict[str, object]:
-    """The row of a method."""
+    """Measure a method."""
     entry, training_set = find_method(method_id), dataset.training_set("shallow")
     _, options, _ = entry.preset(None)
     options = {**options, "steps": settings.steps}
