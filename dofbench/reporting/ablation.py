@@ -18,11 +18,9 @@ from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.evaluation.results.protocol import arithmetic_mean
 from dofbench.evaluation.results.run_spec import option_words
-from dofbench.reporting import standing
-from dofbench.reporting.boards import Line, Statistic, scene_mean, seed_mean
-from dofbench.reporting.made import commit_text, machine_text
+from dofbench.reporting.boards import Line, Statistic, scene_mean, seed_mean, sign_notes, signs_of, united
 from dofbench.reporting.paper import of_scene, ssim_note
-from dofbench.reporting.sections import asked_sections, column_section
+from dofbench.reporting.sections import asked_sections, column_section, commit_text, machine_text
 from dofbench.reporting.statistics import EXPLANATION, Compared, adjusted, compare
 from dofbench.reporting.tables import (
     Cell,
@@ -108,10 +106,10 @@ class Filled:
         return found
 
     def signs(self, row: str, dataset: str | None = None) -> str:
-        """The row's signs on one dataset; for None on all (`standing`)."""
+        """The row's signs on one dataset; for None on all (`boards.NOTES`)."""
         roles = {source.label: source.role for source in self.plan.sources}
         own = [(place[1], entry) for place, entry in self.entries.items() if place[0] == row]
-        return standing.united(standing.signs(roles[one], [entry]) for one, entry in own if dataset in (one, None))
+        return united(signs_of(roles[one], [entry]) for one, entry in own if dataset in (one, None))
 
     def differences(self, column: str) -> dict[str, Compared]:
         """Row -> its difference from the reference row in a column, p adjusted over the rows; empty without a
@@ -239,7 +237,7 @@ def _differences(filled: Filled) -> Iterator[Section]:
         for row in found[columns[0]]
     )
     headings = (*word_headings("row"), *score_headings(columns))
-    below = standing.notes(filled.signs(row) for row in filled.rows)
+    below = sign_notes(filled.signs(row) for row in filled.rows)
     yield Section(title, (said,), (Table(f"{declared.title}: {title}", headings, rows, below=below),))
 
 
@@ -283,45 +281,28 @@ def cell_rows(filled: Filled) -> Iterator[dict[str, object]]:
     """One row per run and score. value is empty without a score: then status is how the run ended, or "not run".
     options: those that the run changes of its preset."""
     roles = {source.label: source.role or ROLE_NOT_STATED for source in filled.plan.sources}
-    for (row, dataset, seed), run in filled.plan.runs.items():
-        entry = filled.entries.get((row, dataset, seed))
+    for place, run in filled.plan.runs.items():
+        entry, spec = filled.entries.get(place), run.spec
+        status = "not run" if entry is None else str(entry.status)
+        made = status, spec.method, spec.preset, " ".join(option_words(spec.overrides)), spec.budget, roles[place[1]]
         for column in filled.plan.table.columns:
-            yield {
-                "table": filled.plan.table.id,
-                "row": row,
-                "dataset": dataset,
-                "seed": seed,
-                "column": column,
-                "value": filled.value(row, dataset, seed, column),
-                "status": "not run" if entry is None else str(entry.status),
-                "method": run.spec.method,
-                "preset": run.spec.preset,
-                "options": " ".join(option_words(run.spec.overrides)),
-                "budget": run.spec.budget,
-                "role": roles[dataset],
-            }
+            values = (filled.plan.table.id, *place, column, filled.value(*place, column), *made)
+            yield dict(zip(CELL_COLUMNS, values, strict=True))
 
 
 def summary_rows(filled: Filled) -> Iterator[dict[str, object]]:
     """One row per cell of the page; dataset "mean": over all datasets, with the paper's mean on its data, and the
     difference from the reference row as on the page."""
-    declared = filled.plan.table
+    declared, seeds = filled.plan.table, " ".join(map(str, filled.seeds))
     for column in declared.columns:
         found = filled.differences(column)
         for row in declared.rows:
             means = [(dataset, filled.cell(row.label, dataset, column)) for dataset in filled.datasets]
             for dataset, cell in (*means, ("mean", filled.mean_cell(row.label, column))):
                 missing = "not run" if cell is NOT_RUN else cell.failure or "no such score"
-                record: dict[str, object] = {
-                    "table": declared.id,
-                    "row": row.label,
-                    "dataset": dataset,
-                    "column": column,
-                    "seeds": " ".join(map(str, filled.seeds)),
-                    "mean": cell.value,
-                    "sd": cell.spread,
-                    "status": missing if cell.value is None else "ok",
-                }
+                scores = cell.value, cell.spread, missing if cell.value is None else "ok"
+                values = (declared.id, row.label, dataset, seeds, column, *scores)
+                record: dict[str, object] = dict(zip(SUMMARY_COLUMNS, values, strict=False))
                 if dataset == "mean":
                     record["paper"] = row.paper.get(column)
                     compared = found.get(row.label)

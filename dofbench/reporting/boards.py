@@ -1,25 +1,48 @@
-"""Results grouped into boards (one dataset under one protocol): rows with means over seeds, means over scenes, and the
-reason of every gap."""
+"""Results grouped into boards (one dataset under one protocol): rows with means over seeds, means over scenes, the
+reason of every gap, and signs for what a result doesn't prove."""
 
 from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from dofbench.core.errors import Status
-from dofbench.core.evidence import PHOTOGRAPHER_WORDS, ROLE_WORDS, Photographer, Role
+from dofbench.core.evidence import PHOTOGRAPHER_WORDS, PHOTOGRAPHERS, ROLE_WORDS, ROLES, Photographer, Role
 from dofbench.datasets.format.points_record import PointsRecord
 from dofbench.evaluation.results.collecting import Entry, added_columns, board_names, grouped, variant_names
 from dofbench.evaluation.results.columns import ALL_IN_FOCUS, COLUMNS, EXIF, PHOTOGRAPH, REFOCUS, SCORES
 from dofbench.evaluation.results.lens_columns import HELD_OUT, lens_words
 from dofbench.evaluation.results.protocol import DEPTH_COLUMNS, PROTOCOLS, arithmetic_mean
-from dofbench.reporting import standing
+from dofbench.methods.frozen_presets import State, state_of
 
 DO_NOTHING = "do nothing (Â = F̂ = 0.5)"
+DEVELOPMENT, NOT_FROZEN, CHANGED, OTHER_BUDGET = "†", "‡", "§", "¶"
+# Sign -> its note below every table that has it, in this order
+NOTES = {
+    DEVELOPMENT: f"{DEVELOPMENT} Tuning scene: presets were chosen on it, so it shows nothing about other scenes.",
+    NOT_FROZEN: f"{NOT_FROZEN} Preset not fixed before this test scene was run.",
+    CHANGED: f"{CHANGED} Not the fixed preset: options or their defaults differ.",
+    OTHER_BUDGET: f"{OTHER_BUDGET} Fixed preset under another budget than its own.",
+}
+_SIGN_OF_STATE: dict[State, str] = {
+    "frozen": "",
+    "other budget": OTHER_BUDGET,
+    "not frozen": NOT_FROZEN,
+    "changed": CHANGED,
+}
+
+# Short forms in CSV files and names of files, the same in every version
+_IN_FILES = {
+    "report": "report scene",
+    "development": "development scene",
+    "thinlens": "sampled lens",
+    "unknown": "unknown lens",
+    "layered": "layers",
+    "scatter": "scatter",
+}
 
 Variant = tuple[str, ...]
 Names = Mapping[Variant, tuple[str, str]]  # variant -> (method, preset) as shown
@@ -38,7 +61,7 @@ class Statistic:
 
 @dataclass(frozen=True)
 class Line:
-    """One row of a table: cells by column. competes: whether it can be the best. signs: as of `standing`."""
+    """One row of a table: cells by column. competes: whether it can be the best. signs: as in `NOTES`."""
 
     method: str
     preset: str
@@ -55,15 +78,30 @@ class Line:
 
 @dataclass(frozen=True)
 class Board:
-    """One dataset under one protocol. name: the dataset's, with a checksum where versions differ. variants: variant ->
-    its seeds. lines: variant -> its scores and costs. nothing: the lens predictor that learns nothing."""
+    """One dataset under one protocol.
+
+    name: the dataset's, with a checksum where versions differ. role, of the scene; photographer: how the input images
+    were made, None for all-in-focus inputs; points: what methods start from; each None where no result states it.
+    scored: the protocol in words. kind: protocol, role and photographer in words; only boards of one kind are averaged.
+    sharp: whether methods trained on all-in-focus images. held_out: whether the test views have a focus that no
+    training view has. lenses: of the views in words, "" where no result states them. variants: variant -> its seeds.
+    lines: variant -> its scores and costs. nothing: the lens predictor that learns nothing.
+    """
 
     key: tuple[str, ...]
     name: str
+    members: Sequence[Entry]
+    role: Role | None
+    photographer: Photographer | None
+    points: PointsRecord | None
+    scored: str
+    kind: str
+    sharp: bool
+    held_out: bool
+    lenses: str
     variants: dict[Variant, list[Entry]]
     lines: dict[Variant, Line]
     nothing: Line | None
-    members: Sequence[Entry] = field(repr=False)
 
     @property
     def protocol(self) -> str:
@@ -71,61 +109,9 @@ class Board:
         return self.key[2]
 
     @property
-    def checksum(self) -> str:
-        """The dataset's checksum, shortened."""
-        return self.key[1][:16]
-
-    @property
     def scene(self) -> str:
         """The scene that the dataset was made from."""
         return self.members[0].scene
-
-    @cached_property
-    def sharp(self) -> bool:
-        """Whether methods trained on all-in-focus images."""
-        protocol = PROTOCOLS.get(self.protocol)
-        return protocol is not None and protocol.inputs == "all-in-focus"
-
-    @cached_property
-    def role(self) -> Role | None:
-        """The scene's role; None where no result states it."""
-        return standing.role_of(self.members)
-
-    @cached_property
-    def photographer(self) -> Photographer | None:
-        """How the input images were made; None for all-in-focus inputs and where no result states it."""
-        return None if self.sharp else standing.photographer_of(self.members)
-
-    @cached_property
-    def points(self) -> PointsRecord | None:
-        """Where the dataset's points and poses come from; None where no result states it."""
-        return next((entry.points for entry in self.members if entry.points is not None), None)
-
-    @cached_property
-    def _lenses(self) -> dict[str, Any] | None:
-        return next((entry.lenses for entry in self.members if entry.lenses), None)
-
-    @property
-    def lenses(self) -> str:
-        """The lenses of the training and test views in words, "" if no result states them."""
-        return "" if self._lenses is None else lens_words(self._lenses)
-
-    @property
-    def held_out(self) -> bool:
-        """Whether the test views have a focus that no training view has."""
-        return self._lenses is not None and self._lenses["assign"] == HELD_OUT
-
-    @property
-    def scored(self) -> str:
-        """The protocol in words."""
-        points = "" if self.points is None else self.points.protocol
-        return ", ".join(filter(None, (self.protocol, "held-out focus" if self.held_out else "", points)))
-
-    @property
-    def kind(self) -> str:
-        """Protocol, role and how images were made; only boards of one kind are averaged."""
-        words = ROLE_WORDS[self.role], PHOTOGRAPHER_WORDS[self.photographer]
-        return ", ".join(filter(None, (self.scored, *words)))
 
     @property
     def title(self) -> str:
@@ -134,18 +120,28 @@ class Board:
 
 
 def gather(entries: Sequence[Entry]) -> list[Board]:
-    """The boards of these runs in the order of `standing.place`."""
+    """The boards of these runs: test scenes first, and ray-traced or real defocus before synthetic defocus."""
     every = tuple(entries)
     names, boards, columns = variant_names(every), board_names(every), score_columns(every)
-    found = []
-    for key, members in grouped(every, "board").items():
-        variants, role = grouped(members, "variant"), standing.role_of(members)
-        lines = {
-            variant: variant_line(seeds, names[variant], columns, standing.signs(role, seeds))
-            for variant, seeds in variants.items()
-        }
-        found.append(Board(key, boards[key], variants, lines, _do_nothing(members, columns), members))
-    return sorted(found, key=lambda board: standing.place(board.role, board.photographer))  # stable
+    found = [_board(key, boards[key], members, names, columns) for key, members in grouped(every, "board").items()]
+    return sorted(found, key=lambda board: (ROLES.index(board.role), PHOTOGRAPHERS.index(board.photographer)))
+
+
+def _board(key: tuple[str, ...], name: str, members: Sequence[Entry], names: Names, columns: Sequence[str]) -> Board:
+    protocol, role = PROTOCOLS.get(key[2]), role_of(members)
+    sharp = protocol is not None and protocol.inputs == "all-in-focus"
+    photographers = (entry.result.photographer for entry in members if entry.result and entry.result.photographer)
+    photographer = None if sharp else next(photographers, None)
+    points = next((entry.points for entry in members if entry.points is not None), None)
+    lenses = next((entry.lenses for entry in members if entry.lenses), None)
+    held_out = lenses is not None and lenses["assign"] == HELD_OUT
+    parts = key[2], "held-out focus" if held_out else "", points.protocol if points else ""
+    scored = ", ".join(filter(None, parts))
+    kind = ", ".join(filter(None, (scored, ROLE_WORDS[role], PHOTOGRAPHER_WORDS[photographer])))
+    words, variants = lens_words(lenses) if lenses else "", grouped(list(members), "variant")
+    lines = {one: variant_line(seeds, names[one], columns, signs_of(role, seeds)) for one, seeds in variants.items()}
+    scene = role, photographer, points, scored, kind, sharp, held_out, words
+    return Board(key, name, members, *scene, variants, lines, _do_nothing(members, columns))
 
 
 def score_columns(entries: Sequence[Entry]) -> list[str]:
@@ -161,9 +157,11 @@ def by_kind(boards: Sequence[Board]) -> dict[str, list[Board]]:
     return found
 
 
-def mean_name(kind: str, boards: Sequence[Board]) -> str:
-    """The name of the mean over boards of one kind in place of a dataset's."""
-    return f"the mean over {len(boards)} scenes{kind.removeprefix(boards[0].protocol)}"
+def mean_names(kind: str, boards: Sequence[Board]) -> tuple[str, str]:
+    """The name of the mean over boards of one kind, in place of a dataset's: (on pages, in files)."""
+    first, mean = boards[0], f"the mean over {len(boards)} scenes"
+    words = (f", {_IN_FILES[one]}" for one in (first.role, first.photographer) if one)
+    return mean + kind.removeprefix(first.protocol), mean + first.scored.removeprefix(first.protocol) + "".join(words)
 
 
 # ---- rows ----
@@ -278,7 +276,7 @@ def mean_lines(boards: Sequence[Board], columns: Sequence[str]) -> dict[Variant,
         }
         first = next(iter(own.values()))
         seeds = first.seeds if len({line.seeds for line in own.values()}) == 1 else "not the same on all"
-        signs = standing.united(line.signs for line in own.values())
+        signs = united(line.signs for line in own.values())
         means[variant] = Line(first.method, first.preset, seeds, cells, signs=signs)
     return means
 
@@ -307,3 +305,34 @@ def _scene_spread(seeds: Sequence[Sequence[Entry]], column: str) -> float | None
     rows = [[own[seed] for own in by_scene] for seed in common]
     means = [arithmetic_mean([value for value in row if value is not None]) for row in rows if None not in row]
     return statistics.stdev(means) if len(means) == len(common) and all(map(math.isfinite, means)) else None
+
+
+# ---- what a result doesn't prove ----
+
+
+def role_of(members: Iterable[Entry]) -> Role | None:
+    """The role of a board's scene; None where no result states it (a run that died doesn't)."""
+    return next((entry.result.role for entry in members if entry.result and entry.result.role), None)
+
+
+def frozen_state(entry: Entry) -> State:
+    """Whether the run was made with a fixed preset."""
+    return state_of(entry.spec.method, entry.spec.preset, entry.choices, entry.spec.budget)
+
+
+def signs_of(role: Role | None, entries: Sequence[Entry]) -> str:
+    """The signs of a row with these runs on a scene of this role; the preset counts on test scenes alone."""
+    if role == "development":
+        return DEVELOPMENT
+    return united(_SIGN_OF_STATE[frozen_state(entry)] for entry in entries) if role == "report" else ""
+
+
+def united(several: Iterable[str]) -> str:
+    """All signs of these texts, each once, in the order of `NOTES`."""
+    found = "".join(several)
+    return "".join(sign for sign in NOTES if sign in found)
+
+
+def sign_notes(several: Iterable[str]) -> tuple[str, ...]:
+    """The notes below a table whose rows have these signs."""
+    return tuple(NOTES[sign] for sign in united(several))

@@ -7,16 +7,16 @@ import bisect
 import math
 import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
+from typing import NamedTuple
 
 from dofbench.core.errors import InputError, Status
-from dofbench.core.evidence import ROLE_WORDS, Role
+from dofbench.core.evidence import ROLE_NOT_STATED, ROLE_WORDS, Role
 from dofbench.evaluation.figures import LOOKS
 from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.columns import COLUMNS, Column
-from dofbench.reporting import standing
-from dofbench.reporting.boards import Board, Names, Variant, by_kind, mean_name
+from dofbench.reporting.boards import Board, Names, Variant, by_kind, mean_names, united
 
 _SHARES = (0.5, 0.8, 0.95)  # of the way from the worst first score to the best: the levels to reach
 _STEPS_A_WAY = 20  # a level is rounded to a step of 1, 2 or 5 times a power of ten, of at most 1 / this of the way
@@ -39,7 +39,7 @@ class Curve:
 @dataclass(frozen=True)
 class Series:
     """The seeds of one variant. median: curve over its seeds, empty if a seed failed or has no point. place: its number
-    among the report's variants, which decides its look in every plot. signs: as of `standing`."""
+    among the report's variants, which decides its look in every plot. signs: as of `boards.NOTES`."""
 
     variant: Variant
     method: str
@@ -70,8 +70,7 @@ class Series:
         return ", ".join(sorted({str(run.status) for run in self.runs if run.status is not Status.OK}))
 
 
-@dataclass(frozen=True)
-class FrontPoint:
+class FrontPoint(NamedTuple):
     """A scored moment on the Pareto front: no other is as early and as good, and earlier or better. series: index."""
 
     time: float
@@ -80,19 +79,10 @@ class FrontPoint:
 
 
 @dataclass(frozen=True)
-class Span:
-    """A stretch of the front that belongs to one series, by its first and last point."""
-
-    series: int
-    first: Point
-    last: Point
-
-
-@dataclass(frozen=True)
 class Plot:
     """The plot of one score on one board, or of its mean over several. scene: "" for a mean. series: best last score
     first. levels: scores to reach; chosen: whether the user chose them. nothing: score of a lens predictor that learns
-    nothing."""
+    nothing. in_files: the dataset in files where its name differs."""
 
     board: tuple[str, ...]
     dataset: str
@@ -104,6 +94,7 @@ class Plot:
     levels: tuple[float, ...]
     chosen: bool
     nothing: float | None
+    in_files: str = ""
 
     @property
     def protocol(self) -> str:
@@ -114,6 +105,12 @@ class Plot:
     def title(self) -> str:
         """Name and protocol, and the role of the scene (a mean has it in its name)."""
         return ", ".join(filter(None, (self.dataset, self.protocol, ROLE_WORDS[self.role] if self.scene else "")))
+
+    @property
+    def identity(self) -> dict[str, object]:
+        """What rows of CSV files say of it."""
+        role = self.role or ROLE_NOT_STATED
+        return {"dataset": self.in_files or self.dataset, "protocol": self.protocol, "score": self.column, "role": role}
 
     @property
     def score(self) -> Column:
@@ -149,14 +146,15 @@ def mean_plots(boards: Sequence[Board], plots: Sequence[Plot], wanted: Levels) -
     """The plots of the means over the boards of each kind that has several, for scores that all of them have."""
     means = []
     for kind, scenes in by_kind(boards).items():
-        where = ("means", kind, scenes[0].protocol), mean_name(kind, scenes), "", scenes[0].role
+        name, in_files = mean_names(kind, scenes)
+        where = ("means", kind, scenes[0].protocol), name, "", scenes[0].role
         keys = {board.key for board in scenes}
         for column in COLUMNS if len(scenes) > 1 else ():
             own = [plot for plot in plots if plot.column == column and plot.board in keys]
             if len(own) == len(scenes) and (series := mean_series([plot.series for plot in own])):
                 known = [plot.nothing for plot in own if plot.nothing is not None]
                 nothing = statistics.fmean(known) if len(known) == len(own) else None
-                means.append(_plot(*where, column, series, nothing, wanted))
+                means.append(replace(_plot(*where, column, series, nothing, wanted), in_files=in_files))
     return means
 
 
@@ -211,7 +209,7 @@ def mean_series(scenes: Sequence[Sequence[Series]]) -> list[Series]:
         if all(variant in one for one in own):
             every = [one[variant] for one in own]
             curve = joint_curve([series.median for series in every], statistics.fmean)
-            signs = standing.united(series.signs for series in every)
+            signs = united(series.signs for series in every)
             run = Curve(None, Status.OK, curve, 0)
             means.append(Series(variant, first.method, first.preset, (run,), curve, first.place, signs))
     return means
@@ -257,11 +255,11 @@ def pareto_front(curves: Sequence[Sequence[Point]], *, higher_is_better: bool) -
     return tuple(front)
 
 
-def spans(front: Sequence[FrontPoint]) -> Iterator[Span]:
-    """The front as stretches of one series each, by time."""
+def spans(front: Sequence[FrontPoint]) -> Iterator[tuple[int, Point, Point]]:
+    """The front as stretches of one series each, by time: (index of the series, first point, last point)."""
     for series, group in groupby(front, key=lambda point: point.series):
-        points = list(group)
-        yield Span(series, (points[0].time, points[0].score), (points[-1].time, points[-1].score))
+        points = [(time, score) for time, score, _ in group]
+        yield series, points[0], points[-1]
 
 
 # ---- time to reach a score ----

@@ -45,7 +45,7 @@ def write_curves(folder: Path, plots: Iterable[Plot]) -> dict[tuple[tuple[str, .
         if plot.column not in PLOTTED:
             continue
         figure = draw_plot(plot)
-        stem = file_name(plot.dataset, plot.protocol, plot.column)
+        stem = file_name(plot.in_files or plot.dataset, plot.protocol, plot.column)
         paths = [folder / f"{stem}{suffix}" for suffix in (".svg", ".png")]
         for path in paths:
             save(figure, path)

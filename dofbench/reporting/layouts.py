@@ -8,8 +8,18 @@ from dataclasses import dataclass, replace
 
 from dofbench.evaluation.results.columns import COLUMNS, COST
 from dofbench.methods.cards import find_method, method_files
-from dofbench.reporting import standing
-from dofbench.reporting.boards import Board, Line, Variant, best_texts, by_kind, empty_columns, mean_lines, scene_mean
+from dofbench.reporting.boards import (
+    Board,
+    Line,
+    Variant,
+    best_texts,
+    by_kind,
+    empty_columns,
+    mean_lines,
+    scene_mean,
+    sign_notes,
+    united,
+)
 from dofbench.reporting.paper import NOTHING_PRINTED, Figures, paper_figures, ssim_note
 from dofbench.reporting.tables import (
     NAMES,
@@ -47,49 +57,47 @@ class Layout:
     scene_columns: tuple[str, ...]
 
 
+def _layout(id: str, title: str, about: str, columns: str, scene_columns: str, *, sharp: bool = False) -> Layout:
+    return Layout(id, title, about, sharp, tuple(columns.split()), tuple(scene_columns.split()))
+
+
 LAYOUTS = (
-    Layout(
+    _layout(
         "synthetic",
         "Refocusing, and the learned lens",
-        "Test views rendered through their own lens, against the test image; and the errors of the learned aperture "
-        "and focus.",
-        False,
-        ("psnr", "ssim", "ssim_uniform7", "flip", "delta_a", "delta_f", "delta_r"),
-        ("psnr", "ssim", "ssim_uniform7", "delta_a", "delta_f", "delta_r"),
+        "Test views rendered through their own lens, against the test image; errors of the learned aperture and focus.",
+        "psnr ssim ssim_uniform7 flip delta_a delta_f delta_r",
+        "psnr ssim ssim_uniform7 delta_a delta_f delta_r",
     ),
-    Layout(
+    _layout(
         "main",
         "All-in-focus views from images with defocus",
         "Trained on images with shallow depth of field, rendered all in focus, against the all-in-focus image.",
-        False,
-        ("aif_psnr", "aif_ssim", "aif_ssim_uniform7", "aif_flip"),
-        ("aif_psnr", "aif_ssim", "aif_ssim_uniform7"),
+        "aif_psnr aif_ssim aif_ssim_uniform7 aif_flip",
+        "aif_psnr aif_ssim aif_ssim_uniform7",
     ),
-    Layout(
+    _layout(
         "photographs",
         "Photographs of unknown lens",
-        "Held-out photographs, rendered with a lens (methods without one: a Gaussian blur) and colours fitted "
-        "on half of each, scored on the other half.",
-        False,
-        ("photo_psnr", "photo_ssim", "photo_blur_psnr"),
-        ("photo_psnr", "photo_ssim"),
+        "Held-out photographs, rendered with a lens (methods without one: a Gaussian blur) and colours fitted on half "
+        "of each, scored on the other half.",
+        "photo_psnr photo_ssim photo_blur_psnr",
+        "photo_psnr photo_ssim",
     ),
-    Layout(
+    _layout(
         "across",
         "Photographs of another aperture",
-        "Rendered with the learned aperture times the ratio of the f-numbers, with the learned aperture unchanged, and "
-        "without any.",
-        False,
-        ("across_psnr", "across_ssim", "across_blurred_psnr", "unscaled_blurred_psnr", "in_focus_blurred_psnr"),
-        ("across_psnr", "across_blurred_psnr"),
+        "Rendered with the learned aperture times the ratio of the f-numbers, with it unchanged, and without any.",
+        "across_psnr across_ssim across_blurred_psnr unscaled_blurred_psnr in_focus_blurred_psnr",
+        "across_psnr across_blurred_psnr",
     ),
-    Layout(
+    _layout(
         "all_in_focus",
         "All-in-focus inputs",
         "Trained on the all-in-focus images and rendered all in focus.",
-        True,
-        ("aif_psnr", "aif_ssim", "aif_ssim_uniform7", "aif_flip"),
-        ("aif_psnr", "aif_ssim", "aif_ssim_uniform7"),
+        "aif_psnr aif_ssim aif_ssim_uniform7 aif_flip",
+        "aif_psnr aif_ssim aif_ssim_uniform7",
+        sharp=True,
     ),
 )
 
@@ -214,14 +222,14 @@ def _scene_table(layout: Layout, boards: Sequence[Board], figures: Figures) -> T
     variants = _variants(boards)
     some = {variant: board.lines[variant] for board in boards for variant in board.lines}
     signs = {
-        variant: standing.united(board.lines[variant].signs for board in boards if variant in board.lines)
+        variant: united(board.lines[variant].signs for board in boards if variant in board.lines)
         for variant in variants
     }
     empty = empty_columns([line for board in boards for line in board.lines.values()], layout.scene_columns)
     shown = [column for column in layout.scene_columns if column not in empty]
     best = {board.name: best_texts(list(board.lines.values()), shown) for board in boards}
     caption, below = f"{layout.title}: scene by scene", list(not_shown(empty))
-    notes = standing.notes(line.signs for board in boards for line in board.lines.values())
+    notes = sign_notes(line.signs for board in boards for line in board.lines.values())
 
     def cell(board: Board, variant: Variant, column: str) -> Cell:
         if variant not in board.lines:
@@ -271,7 +279,7 @@ def _scene_table(layout: Layout, boards: Sequence[Board], figures: Figures) -> T
     no_figure = f"{figures.source} has no such figure of this scene"
     rows = tuple(
         (
-            words(board.name, standing.united(line.signs for line in board.lines.values())),
+            words(board.name, united(line.signs for line in board.lines.values())),
             *(cell(board, variant, column) for variant, column in there),
             *(
                 published(theirs[board.name].get(method, {}).get(column), COLUMNS[column], no_figure)

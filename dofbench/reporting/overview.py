@@ -11,13 +11,12 @@ from dofbench.datasets.format.points_record import points_in_words
 from dofbench.evaluation.results.collecting import Collection, Entry
 from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.methods.cards import find_method, method_files
-from dofbench.reporting import standing
-from dofbench.reporting.boards import Board, Line, Variant, by_kind, mean_lines
-from dofbench.reporting.made import commit_text, machine_text
+from dofbench.reporting.boards import Board, Line, Variant, by_kind, mean_lines, sign_notes, united
+from dofbench.reporting.sections import commit_text, machine_text
 from dofbench.reporting.statistics import Side, compare
 from dofbench.reporting.tables import Cell, Heading, Table, cells, difference, number, score, word_headings, words
 
-# What a row can be the best at, ranked by the first of the columns that a row has: refocusing, all-in-focus views, and
+# What a row can be the best at, ranked by the first column that a row has: refocusing, all-in-focus views, and
 # photographs of unknown lens or of another aperture.
 HEADLINES = (("psnr",), ("aif_psnr",), ("photo_psnr", "across_psnr"))
 _SCORED_ON = {"psnr": "refocused", "aif_psnr": "all in focus"}
@@ -79,7 +78,7 @@ def best_table(boards: Sequence[Board]) -> Table:
             means = mean_lines(scenes, [*(column for columns in HEADLINES for column in columns), *_COSTS])
             rows += _rows(f"mean over {len(scenes)} scenes", kind, means, [board.variants for board in scenes])
     for board in boards:
-        signs = standing.united(line.signs for line in board.lines.values())
+        signs = united(line.signs for line in board.lines.values())
         nobody = cells(words(board.name, signs), board.kind, "none: every run failed, or none has a score")
         rows += _rows(board.name, board.kind, board.lines, [board.variants]) or [(*nobody, *(Cell(""),) * 5)]
     headings = (
@@ -89,7 +88,7 @@ def best_table(boards: Sequence[Board]) -> Table:
         Heading("by", largest_first=True),
         *word_headings("how sure", "at what cost"),
     )
-    below = standing.notes(line.signs for board in boards for line in board.lines.values())
+    below = sign_notes(line.signs for board in boards for line in board.lines.values())
     return Table("The best over scenes and of each dataset, by PSNR", headings, tuple(rows), below=below)
 
 
@@ -108,7 +107,7 @@ def _rows(
             ahead = number(found.ahead, f"+{column.text(found.ahead)} {column.unit}".strip())
         rows.append(
             (
-                words(name, standing.united(line.signs for line in lines.values())),
+                words(name, united(line.signs for line in lines.values())),
                 words(kind),
                 replace(words(first.name, first.signs), sort=first.name, best=True),
                 replace(psnr, below=_SCORED_ON.get(column.id, _PHOTOGRAPHS)),

@@ -12,8 +12,7 @@ from dofbench.core.evidence import ROLE_NOT_STATED
 from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.columns import ALL_IN_FOCUS, COLUMNS, DEPTH, LENS, PHOTOGRAPH, REFOCUS
 from dofbench.evaluation.results.protocol import arithmetic_mean
-from dofbench.reporting import standing
-from dofbench.reporting.boards import Board, Names, Variant, by_kind, mean_name
+from dofbench.reporting.boards import Board, Names, Variant, by_kind, mean_names, sign_notes
 from dofbench.reporting.statistics import Compared, adjusted, compare
 from dofbench.reporting.tables import Section, Table, difference, score_headings, word_headings, words
 
@@ -100,41 +99,28 @@ def pair_sections(
         )
         for pair in pairs
     )
-    below = standing.notes(signs[side] for pair in pairs for side in (pair.one, pair.other))
+    below = sign_notes(signs[side] for pair in pairs for side in (pair.one, pair.other))
     headings = (*word_headings("", "minus"), *score_headings(columns))
     table = Table(f"{HEADING}: {caption}", headings, rows, names=2, below=below)
     return (Section(HEADING, (f"Over {' and '.join(views)}; see *{TESTED}*.",), (table,)),)
 
 
 def comparison_rows(
-    boards: Sequence[Board],
-    pairs: Mapping[tuple[str, ...], Sequence[Pair]],
-    means: Mapping[str, Sequence[Pair]],
-    names: Names,
+    boards: Sequence[Board], pairs: Mapping[Variant, Sequence[Pair]], means: Mapping[str, Sequence[Pair]], names: Names
 ) -> Iterator[dict[str, object]]:
     """One row per pair and score that a run has. pairs: of each board, by its key. means: `mean_pairs`."""
     kinds = by_kind(boards)
     sources = [(board.name, [board], pairs[board.key]) for board in boards]
-    sources += [(mean_name(kind, kinds[kind]), kinds[kind], own) for kind, own in means.items()]
+    sources += [(mean_names(kind, kinds[kind])[1], kinds[kind], own) for kind, own in means.items()]
     for name, compared, own in sources:
         runs = [entry.scores for board in compared for entry in board.members]
         known = [column for column in COLUMNS if any(scores.get(column) is not None for scores in runs)]
+        where = {"dataset": name, "protocol": compared[0].protocol, "role": compared[0].role or ROLE_NOT_STATED}
         for pair in own:
-            (method, preset), (against, against_preset) = names[pair.one], names[pair.other]
+            (method, preset), (other, other_preset) = names[pair.one], names[pair.other]
+            who = {"method": method, "preset": preset, "against_method": other, "against_preset": other_preset}
             for column, found in pair.compared.items():
                 if column in known:
-                    statistics = vars(found.difference) if found.difference else {}
-                    yield {
-                        "dataset": name,
-                        "protocol": compared[0].protocol,
-                        "method": method,
-                        "preset": preset,
-                        "against_method": against,
-                        "against_preset": against_preset,
-                        "column": column,
-                        "reason": found.reason,
-                        "role": compared[0].role or ROLE_NOT_STATED,
-                        **statistics,
-                        "difference": statistics.get("mean"),
-                        "verdict": found.verdict,
-                    }
+                    numbers = vars(found.difference) if found.difference else {}
+                    said = {"column": column, "reason": found.reason, "verdict": found.verdict}
+                    yield {**where, **who, **said, **numbers, "difference": numbers.get("mean")}

@@ -10,13 +10,23 @@ from pathlib import Path
 from rich.console import Console
 
 from dofbench.core.errors import InputError
+from dofbench.core.evidence import ROLE_NOT_STATED
 from dofbench.core.files import write_csv, write_text
 from dofbench.core.progress import say
 from dofbench.evaluation.figures import file_name
-from dofbench.evaluation.results.collecting import collect, variant_names
-from dofbench.reporting import csv_files
+from dofbench.evaluation.results.collecting import Entry, added_columns, board_names, collect, grouped, variant_names
+from dofbench.evaluation.results.columns import (
+    ALL_IN_FOCUS,
+    DEPTH,
+    FILE_SCORES,
+    IDENTITY,
+    LENS,
+    PHOTOGRAPH,
+    REFOCUS,
+    STANDING,
+)
 from dofbench.reporting.ablation import read_documents
-from dofbench.reporting.boards import gather
+from dofbench.reporting.boards import frozen_state, gather, role_of
 from dofbench.reporting.curves import board_plots, mean_plots
 from dofbench.reporting.draw import write_curves, write_strip
 from dofbench.reporting.pairs import comparison_rows, mean_pairs, pairwise
@@ -25,6 +35,26 @@ from dofbench.reporting.render import html, markdown
 from dofbench.reporting.report_options import Report
 from dofbench.reporting.timing import curve_view, front_rows, reach_rows
 from dofbench.reporting.view import build_view, page_data
+
+Row = dict[str, object]
+
+CURVE_COLUMNS = """method preset dataset protocol seed train_s steps psnr ssim aif_psnr aif_ssim delta_a delta_f delta_r
+    loss train_cpu_s photo_psnr photo_ssim across_psnr across_ssim role""".split()
+COMPARISON_COLUMNS = """dataset protocol method preset against_method against_preset column pairs seeds difference low
+    high p verdict reason role""".split()
+REACH_COLUMNS = """method preset dataset scene protocol seed score level reached_s not_before_s held status
+    role""".split()
+FRONT_COLUMNS = "dataset protocol score train_s value method preset role".split()
+TIMES_COLUMNS = "method preset dataset scene protocol seed within stage wall_s cpu_s role".split()
+_VIEW_COLUMNS = (
+    *"method preset dataset scene protocol seed view split".split(),
+    *REFOCUS,
+    *ALL_IN_FOCUS,
+    *"aperture aperture_estimated focus focus_estimated".split(),
+    *LENS,
+    *DEPTH,
+    *PHOTOGRAPH,
+)
 
 
 @dataclass(frozen=True)
@@ -71,14 +101,14 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
     means = mean_plots(boards, plots, settings.levels)
     pairs = {board.key: pairwise([board.variants], settings.rivals) for board in boards}
     of_means = mean_pairs(boards, settings.rivals)
-    tables: dict[str, tuple[Sequence[str], Iterator[csv_files.Row]]] = {
-        "leaderboard": (csv_files.run_columns(entries), csv_files.run_rows(entries)),
-        "per_view": (csv_files.view_columns(entries), csv_files.view_rows(entries)),
-        "curves": (csv_files.CURVE_COLUMNS, csv_files.curve_rows(entries)),
-        "comparisons": (csv_files.COMPARISON_COLUMNS, comparison_rows(boards, pairs, of_means, names)),
-        "reach": (csv_files.REACH_COLUMNS, reach_rows(plots)),
-        "pareto": (csv_files.FRONT_COLUMNS, front_rows((*plots, *means))),
-        "times": (csv_files.TIMES_COLUMNS, csv_files.time_rows(entries)),
+    tables: dict[str, tuple[Sequence[str], Iterator[Row]]] = {
+        "leaderboard": (run_columns(entries), run_rows(entries)),
+        "per_view": (view_columns(entries), view_rows(entries)),
+        "curves": (CURVE_COLUMNS, curve_rows(entries)),
+        "comparisons": (COMPARISON_COLUMNS, comparison_rows(boards, pairs, of_means, names)),
+        "reach": (REACH_COLUMNS, reach_rows(plots)),
+        "pareto": (FRONT_COLUMNS, front_rows((*plots, *means))),
+        "times": (TIMES_COLUMNS, time_rows(entries)),
     }
     files = [out / f"{name}.csv" for name in tables]
     for file, (columns, rows) in zip(files, tables.values(), strict=True):
@@ -118,3 +148,73 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
 def _linked(files: Sequence[Path] | None) -> str:
     """The first file's place in the report's folder; "" without one."""
     return f"{files[0].parent.name}/{files[0].name}" if files else ""
+
+
+# ---- CSV files: every number of every run, without averages and unrounded ----
+
+
+def run_columns(entries: Sequence[Entry]) -> tuple[str, ...]:
+    """The columns of `run_rows`."""
+    return (*IDENTITY, *FILE_SCORES, *added_columns(entries), *STANDING)
+
+
+def run_rows(entries: Sequence[Entry]) -> Iterator[Row]:
+    """One row per run. A cell is empty when the run lacks the score; the pages give the reason."""
+    for entry, who in _identified(entries):
+        yield {**who, **entry.scores, "frozen": frozen_state(entry)}
+
+
+def view_columns(entries: Sequence[Entry]) -> tuple[str, ...]:
+    """The columns of `view_rows`."""
+    return (*_VIEW_COLUMNS, *added_columns(entries), "role")
+
+
+def view_rows(entries: Sequence[Entry]) -> Iterator[Row]:
+    """One row for every test view (its scores) and every training view (its lens and the errors)."""
+    for entry, who in _identified(entries):
+        if entry.result is not None:
+            yield from ({**who, "view": view, "split": "test", **scores} for view, scores in entry.views.items())
+            for lens in entry.result.lens:
+                yield {**who, "split": "train", **lens.model_dump(exclude={"name"}), "view": lens.name}
+
+
+def curve_rows(entries: Sequence[Entry]) -> Iterator[Row]:
+    """One row for every moment of training that was scored."""
+    for entry, who in _identified(entries):
+        for point in entry.result.curve if entry.result else ():
+            times = {name: getattr(point, name) for name in ("train_s", "steps", "loss", "train_cpu_s")}
+            yield {**who, **point.scores, **times}
+
+
+def time_rows(entries: Sequence[Entry]) -> Iterator[Row]:
+    """One row for every stage of every run, and for every part of training that the method times itself (within
+    "train", wall time alone)."""
+    names = variant_names(tuple(entries))
+    for entry, who in _identified(entries):
+        if entry.result is not None:
+            who["preset"] = names[entry.variant][1]
+            for stage, time in entry.result.stages.items():
+                yield {**who, "stage": stage, "wall_s": time.wall, "cpu_s": time.cpu}
+            for stage, wall in entry.result.method_stages.items():
+                yield {**who, "within": "train", "stage": stage, "wall_s": wall}
+
+
+def _identified(entries: Sequence[Entry]) -> Iterator[tuple[Entry, Row]]:
+    """Each run with its identity columns. A dataset's name has its checksum if two datasets have the same name."""
+    boards = board_names(tuple(entries))
+    roles = {board: role_of(members) for board, members in grouped(tuple(entries), "board").items()}
+    for entry in entries:
+        yield (
+            entry,
+            {
+                "method": entry.spec.method,
+                "preset": entry.preset,
+                "dataset": boards[entry.board],
+                "scene": entry.scene,
+                "protocol": entry.spec.protocol,
+                "seed": entry.spec.seed,
+                "status": str(entry.status),
+                "role": roles[entry.board] or ROLE_NOT_STATED,
+                "photographer": entry.result.photographer if entry.result else None,
+            },
+        )

@@ -1,4 +1,4 @@
-"""Sections of a report: boards, means over scenes, held-out focus, published figures, explanations of the scores."""
+"""Sections of a report: boards, means over scenes, held-out focus, published figures, how each run was made."""
 
 from __future__ import annotations
 
@@ -11,11 +11,13 @@ from dofbench.datasets.format.points_record import points_in_words
 from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.evaluation.results.protocol import AIF_PREFIX, arithmetic_mean
+from dofbench.evaluation.results.result import Result
 from dofbench.methods.cards import find_method, method_files
-from dofbench.reporting.boards import Board, Line, Names, by_kind, mean_and_spread, mean_lines, sorted_lines
+from dofbench.reporting.boards import Board, Line, Names, by_kind, mean_and_spread, mean_lines, sign_notes, sorted_lines
 from dofbench.reporting.pairs import Pair, pair_sections
 from dofbench.reporting.paper import ssim_note
 from dofbench.reporting.tables import (
+    Cell,
     Extra,
     Heading,
     Section,
@@ -29,6 +31,7 @@ from dofbench.reporting.tables import (
     words,
 )
 
+_UNKNOWN = "unknown"
 ASKED_HEADING = "Held-out focus, by the test views' lens"
 _ASKED_COLUMNS = ("psnr", "ssim", "flip")  # metrics that all-in-focus renderings have too
 
@@ -39,7 +42,7 @@ def board_section(board: Board, columns: Sequence[str], names: Names, pairs: Seq
     lines = sorted_lines([*board.lines.values(), *([board.nothing] if board.nothing is not None else [])])
     trained = "trained on all-in-focus images" if board.sharp else board.lenses
     photographed = () if board.sharp else (PHOTOGRAPHER_SAYS[board.photographer],)
-    about = f"Scene {board.scene}; dataset checksum {board.checksum}{f'; {trained}' if board.lenses else ''}."
+    about = f"Scene {board.scene}; dataset checksum {board.key[1][:16]}{f'; {trained}' if board.lenses else ''}."
     scores = score_table(lines, columns, board.title)
     scores = replace(scores, below=(*scores.below, points_in_words(board.points)))
     signs = {variant: line.signs for variant, line in board.lines.items()}
@@ -143,3 +146,83 @@ def column_section(columns: Sequence[str]) -> Section:
     """An explanation of each score."""
     known = [COLUMNS[column] for column in columns]
     return Section("Scores", items=tuple(f"{one.label} ({one.id}): {one.note}." for one in known))
+
+
+# ---- how it was made ----
+
+
+def run_table(entries: Sequence[Entry], boards: Sequence[Board]) -> tuple[Table, tuple[str, ...]]:
+    """(table of command, code and machine of every run; the machines by their number in the table)."""
+    machines: dict[str, int] = {}
+    rows = []
+    for entry in entries:
+        started, command, commit, machine, disabled, enabled = _how(entry.result, machines)
+        code = entry.spec.key[:8], entry.spec.code.rpartition("+")[2][:8]
+        status = str(entry.status), entry.spec.budget, started, command
+        rows.append(cells(*_names(entry, boards), *status, *code, commit, machine, disabled, enabled))
+    headings = (
+        *word_headings("dataset", "method", "preset", "seed", "status", "budget"),
+        *word_headings("started (UTC)", wide=True),
+        *word_headings("command", "key", "code", "commit", "machine"),
+        *word_headings("disabled stages", "enabled stages, and why", wide=True),
+    )
+    listed = tuple(f"Machine {count}: {described}" for described, count in machines.items())
+    return Table("How each run was made", headings, tuple(rows), below=_notes(boards)), listed
+
+
+def _how(result: Result | None, machines: dict[str, int]) -> tuple[str, Cell, str, str, str, str]:
+    """(start, command, commit, number of the machine, disabled stages, enabled stages). machines: their numbers so
+    far."""
+    if result is None:
+        return _UNKNOWN, words(_UNKNOWN), _UNKNOWN, _UNKNOWN, "", ""
+    machine = machines.setdefault(machine_text(result), len(machines) + 1)
+    enabled = [f"{stage['name']}: {stage['reason']}" for stage in result.plan.get("stages", ()) if stage["runs"]]
+    disabled = [f"{stage}: {why}" for stage, why in result.left_out_stages.items()]
+    command = Cell("", sort=result.command, code=(result.command,))
+    started = result.started[:16].replace("T", " ")
+    return started, command, commit_text(result), str(machine), "; ".join(disabled), "; ".join(enabled)
+
+
+def stage_table(entries: Sequence[Entry], boards: Sequence[Board]) -> Table:
+    """The time of each run by stage."""
+    timed = [(entry, entry.result) for entry in entries if entry.result is not None]
+    stages = list(dict.fromkeys(stage for _, result in timed for stage in result.stages))
+    own = list(dict.fromkeys(stage for _, result in timed for stage in result.method_stages))
+    headings = (
+        *word_headings("dataset", "method", "preset", "seed"),
+        *(Heading(f"{stage} [s]", "harness") for stage in stages),
+        *(Heading(f"{stage} [s]", "within training") for stage in own),
+    )
+    rows = []
+    for entry, result in timed:
+        times = [result.stages[stage].wall if stage in result.stages else None for stage in stages]
+        times += [result.method_stages.get(stage) for stage in own]
+        shown = (Cell("not run", "number") if time is None else Cell(f"{time:.2f}", "number", time) for time in times)
+        rows.append((*_names(entry, boards), *shown))
+    caption = "Wall seconds of the harness's stages, and of the method's own within training"
+    return Table(caption, headings, tuple(rows), below=_notes(boards))
+
+
+def _names(entry: Entry, boards: Sequence[Board]) -> tuple[Cell, ...]:
+    board = next(board for board in boards if board.key == entry.board)
+    line, seed = board.lines[entry.variant], Cell(str(entry.spec.seed), sort=float(entry.spec.seed))
+    return cells(board.name, words(line.method, line.signs), line.preset, seed)
+
+
+def _notes(boards: Sequence[Board]) -> tuple[str, ...]:
+    return sign_notes(line.signs for board in boards for line in board.lines.values())
+
+
+def commit_text(result: Result) -> str:
+    """The commit that a run was made with."""
+    git = result.git
+    return "no checkout" if git is None else git.commit[:12] + (" + changes" if git.dirty else "")
+
+
+def machine_text(result: Result) -> str:
+    """The machine that a run was made on."""
+    facts = result.machine
+    threads = f" ({facts['threads']} used)" if "threads" in facts else ""
+    accelerator = [str(facts["accelerator"])] if "accelerator" in facts else []
+    cpu = f"{facts['cpu']}, {facts['cores']} cores{threads}, {facts['memory_gib']} GiB"
+    return ", ".join([cpu, str(facts["os"]), f"Python {facts['python']}", *accelerator])

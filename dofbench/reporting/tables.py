@@ -14,8 +14,7 @@ from itertools import groupby
 from typing import Literal
 
 from dofbench.evaluation.results.columns import COLUMNS, Column
-from dofbench.reporting import standing
-from dofbench.reporting.boards import Line, Statistic, best_texts, empty_columns
+from dofbench.reporting.boards import Line, Statistic, best_texts, empty_columns, sign_notes
 from dofbench.reporting.statistics import Compared
 
 GAP = "–"
@@ -141,7 +140,7 @@ class Section:
 
 
 def words(text: str, signs: str = "") -> Cell:
-    """A cell of text with signs behind it (`standing`), sorted by the text."""
+    """A cell of text with signs behind it (`boards.NOTES`), sorted by the text."""
     return Cell(f"{text} {signs}".strip(), sort=text.lower())
 
 
@@ -250,7 +249,7 @@ def score_table(
         if line.competes or any(line.cells[column].value is not None for column in shown)
     )
     headings = (*before.headings, *score_headings(shown, group), *after.headings)
-    notes = standing.notes(line.signs for line in lines)
+    notes = sign_notes(line.signs for line in lines)
     return Table(caption, headings, (*rows, *more), below=(*not_shown(empty), *below, *notes))
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from dofbench.core.evidence import ROLE_NOT_STATED
-from dofbench.reporting import standing
+from dofbench.reporting.boards import sign_notes
 from dofbench.reporting.curves import Plot, reach_cell, reached, seconds_text, spans
 from dofbench.reporting.tables import Cell, Heading, Table, number, words
 
@@ -59,9 +59,9 @@ def _front_words(plot: Plot) -> str:
         return f"{seconds_text(point[0])} ({f'{plot.score.text(point[1])} {plot.score.unit}'.strip()})"
 
     held = list(spans(plot.front))
-    parts = ", ".join(f"{plot.series[span.series].label} from {moment(span.first)}" for span in held)
-    last = held[-1]
-    return f"Pareto front: {parts}{'' if last.last == last.first else f' to {moment(last.last)}'}."
+    parts = ", ".join(f"{plot.series[place].label} from {moment(first)}" for place, first, _ in held)
+    _, first, last = held[-1]
+    return f"Pareto front: {parts}{'' if last == first else f' to {moment(last)}'}."
 
 
 def _reach_table(plot: Plot, title: str) -> Table:
@@ -72,60 +72,40 @@ def _reach_table(plot: Plot, title: str) -> Table:
         found = [reach_cell(series, level, higher_is_better=plot.higher_is_better) for level in plot.levels]
         times = [Cell(one.text, "number", one.median if math.isfinite(one.median) else None) for one in found]
         rows.append((words(series.name, series.signs), *times))
-    below = standing.notes(series.signs for series in plot.series)
+    below = sign_notes(series.signs for series in plot.series)
     first = Heading("time to reach", words=True)
     return Table(f"Training time to reach a score: {title}", (first, *headings), tuple(rows), below=below)
 
 
 def _front_table(plot: Plot, title: str) -> Table:
     rows, signs = [], []
-    for span in spans(plot.front):
-        series, ((start, low), (end, high)) = plot.series[span.series], (span.first, span.last)
-        times, scores = (number(start, seconds_text(start)), number(end, seconds_text(end))), (low, high)
-        rows.append((*times, words(series.name, series.signs), *(number(one, plot.score.text(one)) for one in scores)))
+    for place, first, last in spans(plot.front):
+        series, times, scores = plot.series[place], (first[0], last[0]), (first[1], last[1])
+        name = words(series.name, series.signs)
+        shown = (number(score, plot.score.text(score)) for score in scores)
+        rows.append((*(number(time, seconds_text(time)) for time in times), name, *shown))
         signs.append(series.signs)
     texts = ("from", "to", "best", f"{plot.score.label} there", "until")
     headings = tuple(Heading(text, words=text == "best") for text in texts)
     caption = f"Pareto front of {title}: best method by training time"
-    return Table(caption, headings, tuple(rows), names=0, below=standing.notes(signs))
+    return Table(caption, headings, tuple(rows), names=0, below=sign_notes(signs))
 
 
 def reach_rows(plots: Iterable[Plot]) -> Iterator[dict[str, object]]:
     """One row for every run and level. reached_s is empty if the level wasn't reached; the true time lies between
     not_before_s and reached_s."""
-    for plot in plots:
-        for series in plot.series:
-            for run in series.runs:
-                for level in plot.levels:
-                    found = reached(run, level, higher_is_better=plot.higher_is_better)
-                    yield {
-                        "method": series.method,
-                        "preset": series.preset,
-                        "dataset": plot.dataset,
-                        "scene": plot.scene,
-                        "protocol": plot.protocol,
-                        "seed": run.seed,
-                        "score": plot.column,
-                        "level": level,
-                        "reached_s": found.time,
-                        "not_before_s": None if found.time is None else found.before,
-                        "held": "" if found.time is None else "yes" if found.held else "no",
-                        "status": str(run.status),
-                        "role": plot.role or ROLE_NOT_STATED,
-                    }
+    for plot, series in ((one, series) for one in plots for series in one.series):
+        who = {**plot.identity, "scene": plot.scene, "method": series.method, "preset": series.preset}
+        for run, level in itertools.product(series.runs, plot.levels):
+            found = reached(run, level, higher_is_better=plot.higher_is_better)
+            row = {**who, "seed": run.seed, "level": level, "reached_s": found.time, "status": str(run.status)}
+            if found.time is not None:
+                row |= {"not_before_s": found.before, "held": "yes" if found.held else "no"}
+            yield row
 
 
 def front_rows(plots: Iterable[Plot]) -> Iterator[dict[str, object]]:
     """One row for every point of every front."""
-    for plot in plots:
-        for point in plot.front:
-            yield {
-                "dataset": plot.dataset,
-                "protocol": plot.protocol,
-                "score": plot.column,
-                "train_s": point.time,
-                "value": point.score,
-                "method": plot.series[point.series].method,
-                "preset": plot.series[point.series].preset,
-                "role": plot.role or ROLE_NOT_STATED,
-            }
+    for plot, (time, score, place) in ((one, point) for one in plots for point in one.front):
+        series = plot.series[place]
+        yield {**plot.identity, "train_s": time, "value": score, "method": series.method, "preset": series.preset}

@@ -12,7 +12,6 @@ from dofbench.evaluation.scoring.resolved import FULL_SCALE as RESOLVED_SCALE
 from dofbench.reporting import layouts, overview, sections
 from dofbench.reporting.boards import Board, by_kind, score_columns
 from dofbench.reporting.curves import Plot, Point, Series
-from dofbench.reporting.made import run_table, stage_table
 from dofbench.reporting.pairs import HEADING, TESTED, Pair, with_the_best
 from dofbench.reporting.pictures import BoardPictures, packed
 from dofbench.reporting.statistics import EXPLANATION
@@ -87,7 +86,7 @@ def build_view(
         own = with_the_best(pairs[board.key], len(board.variants)) if board.key in several else pairs[board.key]
         timed = tuple(curve for curve in curves if curve.plot.board == board.key)
         views.append(BoardView(sections.board_section(board, columns, names, own), timed, strips.get(board.key, "")))
-    runs, machines = run_table(entries, boards)
+    runs, machines = sections.run_table(entries, boards)
     compared = any(one.title == HEADING for view in views for one in view.section.sections)
     tested, claims = Section(TESTED, (EXPLANATION,)) if compared else None, sections.claims_section(entries)
     return ReportView(
@@ -104,7 +103,7 @@ def build_view(
         added=tuple(filter(None, (sections.added_section(entries),))),
         runs=runs,
         machines=machines,
-        stages=stage_table(entries, boards),
+        stages=sections.stage_table(entries, boards),
         unreadable=collection.unreadable,
         gallery=gallery,
         ablations=ablations,

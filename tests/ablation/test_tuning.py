@@ -20,7 +20,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS
 from dofbench.methods.cards import find_method
 from dofbench.methods.frozen_presets import choices_digest
-from dofbench.reporting.standing import NOTES
+from dofbench.reporting.boards import NOTES
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_tables import TUNING, read_tables, tables_of
 

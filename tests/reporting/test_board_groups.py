@@ -16,11 +16,13 @@ from small_dataset import write_dataset
 from tolerances import CSV_DIGITS
 
 from dofbench.core.errors import InputError
+from dofbench.core.evidence import PHOTOGRAPHER_WORDS
 from dofbench.datasets.format.points_record import PointsRecord, points_in_words
 from dofbench.evaluation.results.result import read_result
-from dofbench.reporting.pairs import Pair, with_the_best
 from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
+
+MEANS = f"Means over scenes, refocus-v3, {PHOTOGRAPHER_WORDS['scatter']}"
 
 
 def test_seeds_have_a_spread_and_a_failed_seed_is_not_left_out_of_a_mean(plain, call, made) -> None:
@@ -87,7 +89,7 @@ def test_a_stage_that_one_scene_does_not_need_makes_no_other_variant(plain, call
     call(data=sharp, force_all=True)
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
-    means = {row["preset"]: row for row in table_rows(page, "Means over scenes, refocus-v3, scatter")}
+    means = {row["preset"]: row for row in table_rows(page, MEANS)}
     mean = sum(one.scores["aif_psnr"] for one in found) / 2
     assert means["quick, lens left out"]["all-in-focus PSNR [dB] ↑"] == f"{mean:.2f}"
     assert {row["preset"] for row in table_rows(page, "ripples, refocus-v3")} - {""} == means.keys()
@@ -122,7 +124,7 @@ def test_means_only_over_complete_sets_of_scenes(plain, call, made, tmp_path: Pa
     call(method="pinhole")
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text()
-    means = {row["method"]: row for row in table_rows(page, "Means over scenes, refocus-v3, scatter")}
+    means = {row["method"]: row for row in table_rows(page, MEANS)}
     assert means["fake"]["PSNR [dB] ↑"] == f"{sum(scores) / 2:.2f}"
     gap = means["pinhole"]["all-in-focus PSNR [dB] ↑"]
     assert notes(page, gap) == "no mean over an incomplete set: ripples missing of 2 scenes"
@@ -137,10 +139,7 @@ def test_a_mean_over_scenes_has_the_spread_of_its_seeds(plain, call, made, tmp_p
     call(method="pinhole", seed=0)
     call(method="pinhole", seed=1, data=other)
     _, out, _ = made()
-    means = {
-        row["method"]: row
-        for row in table_rows((out / "leaderboard.md").read_text(), "Means over scenes, refocus-v3, scatter")
-    }
+    means = {row["method"]: row for row in table_rows((out / "leaderboard.md").read_text(), MEANS)}
     by_seed = [sum(one) / 2 for one in zip(*scores, strict=True)]
     spread = abs(by_seed[0] - by_seed[1]) / math.sqrt(2)
     column = "all-in-focus PSNR [dB] ↑"
@@ -200,21 +199,6 @@ def test_of_many_methods_each_is_compared_with_the_best_and_with_those_asked_for
     assert len(asked) == 15 and all({best, "pinhole quick"} & pair for pair in asked)
     with pytest.raises(InputError, match="--against: found 'other', expected methods with results here: fake, pinhole"):
         compared(against="pinhole, other")
-
-
-def test_a_page_of_one_scene_among_several_keeps_to_the_best_of_many() -> None:
-    best, other, third = ("a",), ("b",), ("c",)
-    pairs = [Pair(best, other, {}), Pair(best, third, {}), Pair(other, third, {})]
-    assert with_the_best(pairs, 3) == pairs and with_the_best(pairs, 9) == pairs[:2] and with_the_best([], 9) == []
-
-
-def test_a_board_of_one_compares_nothing(plain, call, made) -> None:
-    call()
-    call(seed=1)
-    _, out, _ = made()
-    page = (out / "leaderboard.md").read_text()
-    assert "Compared view by view" not in page and "How differences are tested" not in page
-    assert rows(out / "comparisons.csv") == []
 
 
 def test_scenes_are_compared_together_where_both_have_all(plain, call, made, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dofbench.core.errors import InputError, Status
-from dofbench.core.evidence import Role
+from dofbench.core.evidence import ROLE_WORDS, Role
 from dofbench.reporting.curves import (
     Curve,
     Plot,
@@ -75,8 +75,8 @@ def test_the_front_is_what_nothing_beats(curves, higher_is_better: bool) -> None
 def test_spans_cover_the_front_and_change_hands(curves) -> None:
     front = pareto_front(curves, higher_is_better=True)
     held = list(spans(front))
-    assert all(one.series != other.series for one, other in itertools.pairwise(held))
-    assert held[0].first == (front[0].time, front[0].score) and held[-1].last == (front[-1].time, front[-1].score)
+    assert all(one != other for (one, *_), (other, *_) in itertools.pairwise(held))
+    assert held[0][1] == (front[0].time, front[0].score) and held[-1][2] == (front[-1].time, front[-1].score)
 
 
 def test_a_curve_that_failed_is_not_on_the_front() -> None:
@@ -218,8 +218,8 @@ def test_levels_on_the_command_line() -> None:
 @pytest.mark.parametrize(
     ("role", "signs", "title", "label"),
     [
-        ("development", "†", "room, refocus-v3, development scene", "fake cpu †"),
-        ("report", "", "room, refocus-v3, report scene", "fake cpu"),
+        ("development", "†", f"room, refocus-v3, {ROLE_WORDS['development']}", "fake cpu †"),
+        ("report", "", f"room, refocus-v3, {ROLE_WORDS['report']}", "fake cpu"),
         (None, "", "room, refocus-v3", "fake cpu"),
     ],
 )

@@ -21,11 +21,9 @@ from dofbench.methods.cards import find_method
 from dofbench.reporting import layouts
 from dofbench.reporting.ablation import read_documents
 from dofbench.reporting.boards import gather
-from dofbench.reporting.overview import duration
 from dofbench.reporting.paper import paper_figures
 from dofbench.reporting.render import Footnotes, html_environment
 from dofbench.reporting.tables import Cell, Heading, Section, Table, number
-from dofbench.reporting.timing import RULE
 
 QUICK = "quick"
 
@@ -100,31 +98,21 @@ def test_no_column_is_empty(reader: Reader) -> None:
             assert any(text and "gap" not in kind for text, kind in cells), (one.caption, heading)
 
 
-def test_a_column_that_no_row_has_is_named_below(reader: Reader) -> None:
-    text = " ".join("".join(reader.texts).split())
-    assert re.search(r"Not shown, as no row has it: .*δ_A.* \(.*sharp photographs", text)
-
-
 def test_which_is_best_by_how_much_and_how_sure(made_report, reader: Reader) -> None:
     glance = next(one for one in reader.tables if one.caption.startswith("The best"))
-    row = next(cells for cells in glance.rows if cells[0][0] == "waves" and cells[1][0] == "refocus-v3, scatter")
+    row = next(cells for cells in glance.rows if cells[0][0] == "waves" and cells[1][0].startswith("refocus"))
     found = {heading: text for heading, (text, _) in zip(glance.headings, row, strict=True)}
-    scores = {
-        noise: [
-            of(made_report, "fake", seed=seed, dataset="waves", overrides=overrides, protocol="refocus-v3").scores[
-                "psnr"
-            ]
-            for seed in (0, 1, 2)
-        ]
-        for noise, overrides in (("", {}), ("noise=0.4", {"noise": 0.4}))
-    }
-    ahead = sum(scores[""]) / 3 - sum(scores["noise=0.4"]) / 3
+    ours = {"dataset": "waves", "protocol": "refocus-v3"}
+    best, other = (
+        [of(made_report, "fake", seed=seed, overrides=overrides, **ours).scores["psnr"] for seed in (0, 1, 2)]
+        for overrides in ({}, {"noise": 0.4})
+    )
+    ahead = (sum(best) - sum(other)) / 3
     assert found["best"] == f"fake {QUICK}" and found["ahead of"] == "fake quick noise=0.4"
-    assert found["by"] == f"+{ahead:.2f} dB" and found["PSNR"].startswith(f"{sum(scores['']) / 3:.2f} ±")
-    views = len(of(made_report, "fake", seed=0, dataset="waves", overrides={}, protocol="refocus-v3").views)
-    # With few test views no difference is significant (p is at least 2 ^ (1 - n)), however large.
-    assert found["how sure"].startswith(f"over {views} test views, 3 seeds; +{ahead:.2f}")
-    assert found["how sure"].endswith("better" if views > 5 else "not significant")
+    assert found["by"] == f"+{ahead:.2f} dB" and found["PSNR"].startswith(f"{sum(best) / 3:.2f} ±")
+    # With two test views no difference is significant (p is at least 2 ^ (1 - n)), however large.
+    assert found["how sure"].startswith(f"over 2 test views, 3 seeds; +{ahead:.2f}")
+    assert found["how sure"].endswith("not significant")
     single = next(cells for cells in glance.rows if cells[0][0].startswith("fern"))
     assert any("nothing to compare" in text or "one seed" in text for text, _ in single)
 
@@ -138,18 +126,6 @@ def test_what_was_run_on_what_and_how_long(made_report, reader: Reader) -> None:
     assert "JIT compilation" in text and "trained on all-in-focus images" in text
     (runs_table,) = [one for one in reader.tables if one.caption == "How each run was made"]
     assert len(runs_table.rows) == runs
-
-
-def test_cells_are_the_means_of_the_results(made_report, reader: Reader) -> None:
-    (board,) = [one for one in reader.tables if one.caption == "waves, refocus-v3"]
-    values = [
-        of(made_report, "fake", seed=seed, dataset="waves", overrides={}, protocol="refocus-v3").scores["psnr"]
-        for seed in (0, 1, 2)
-    ]
-    mean = sum(values) / 3
-    assert board.cell(f"fake {QUICK} 0, 1, 2", "", "PSNR [dB] ↑").startswith(f"{mean:.2f} ±")
-    assert board.cell("pinhole quick", "", "PSNR [dB] ↑").startswith("–")
-    assert board.cell("fake quick trouble=lost", "", "PSNR [dB] ↑").startswith("diverged")
 
 
 def test_a_gap_has_its_reason_on_hover_and_as_a_note(made_report) -> None:
@@ -238,29 +214,12 @@ def test_a_method_without_any_score_of_a_table_is_told_below_it(boards: list, mo
     assert "; pinhole quick (the method has no lens to refocus with)." in said
     # A failure has its row, and a method that the paper has figures of.
     (waves,) = [board for board in boards if board.name == "waves" and not board.sharp]
-    (table,) = [
-        one
-        for one in read(shown(*layouts.layout_sections([waves]))).tables
-        if one.caption.endswith("learned lens: waves")
-    ]
-    names = [row[0][0] for row in table.rows]
-    assert "fake" in names and "pinhole" not in names
-    assert table.cell("fake quick trouble=lost", "measured here, waves", "PSNR [dB] ↑").startswith("diverged")
+    (table,) = layouts.layout_sections([waves])[0].tables
+    assert any("trouble=lost" in row[1].text and row[3].text == "diverged" for row in table.rows)
     monkeypatch.setattr(layouts, "_card_name", {"fake": "DoF-Gaussian", "pinhole": "DoF-NeRF"}.get)
     tables = read(shown(*layouts.layout_sections(boards))).tables
     (table,) = [one for one in tables if one.caption.endswith("learned lens: mean over 2 scenes")]
     assert any("pinhole" in cell for row in table.rows for cell, _ in row)
-
-
-def test_times_to_reach_and_the_front_are_in_it(reader: Reader) -> None:
-    text = " ".join("".join(reader.texts).split())
-    assert RULE in text
-    caption = "Training time to reach a score: PSNR on waves, refocus-v3"
-    (reach,) = [one for one in reader.tables if one.caption == caption]
-    assert reach.headings[0] == "time to reach" and reach.headings[1].startswith("PSNR ≥ ")
-    lost = next(row for row in reach.rows if row[0][0] == "fake quick trouble=lost")
-    assert {text for text, _ in lost[1:]} == {"not reached"}
-    assert any(one.caption.startswith("Pareto front of PSNR on waves") for one in reader.tables)
 
 
 # ---- ablations ----
@@ -274,9 +233,7 @@ ABLATION, BOARD = ("ablation", "noise.md"), ("out", "leaderboard.md")
     [
         (ABLATION, "waves", "What noise costs: waves"),
         (ABLATION, "Difference from some", "What noise costs: Difference from some"),
-        (ABLATION, "Rows", "What noise costs: rows"),
         (BOARD, "waves, refocus-v3", "waves, refocus-v3"),
-        (BOARD, "Means over scenes, refocus-v3, scatter", "Means over scenes, refocus-v3, scatter"),
         (BOARD, "Compared view by view", "Compared view by view: fern_small, refocus-v3"),
         (BOARD, "Published by the authors, on their own data", "Published by the authors, on their own data"),
         (BOARD, "How these were made", "How each run was made"),
@@ -307,16 +264,6 @@ def shown_words(text: str, kind: str) -> str:
     """The same of a cell of the page, where a footnote's mark is a number behind a gap or a failure."""
     noted = "gap" in kind or "failure" in kind
     return markdown_words(re.sub(r"\d+$", "", text) if noted else text.removesuffix(", best"))
-
-
-def test_ablations_are_shown_with_the_papers_figures_and_switches(reader: Reader) -> None:
-    (block,) = [one for one in reader.tables if one.caption == "What noise costs: waves"]
-    assert block.headings[:2] == ["row", "noisy"] and [row[1][0] for row in block.rows] == ["no", "yes", "no"]
-    assert block.cell("some", "the paper's, on other data", "all-in-focus PSNR [dB] ↑") == "21.50"
-    assert block.cell("more", "the paper's, on other data", "all-in-focus PSNR [dB] ↑").startswith("–")
-    assert block.cell("pinhole", "measured here", "PSNR [dB] ↑").startswith("–")
-    text = " ".join("".join(reader.texts).split())
-    assert "More of it is worse." in text and "they are the figures of Nobody 2020, Table 9" in text
 
 
 def test_a_difference_of_an_ablation_has_the_verdict_of_its_records(made_report, reader: Reader) -> None:
@@ -392,14 +339,8 @@ def test_every_view_kind_and_method_has_its_pictures(made_report, reader: Reader
     assert pinhole["reason"] == "the method has no lens to refocus with"
     scores = of(made_report, "fake", dataset="fern_small").views[0].scores
     assert ["PSNR [dB] ↑", f"{scores['psnr']:.2f}"] in fake["scores"]
-
-
-def test_what_the_photographs_resolve_stands_beside_what_is_judged_by_it(made_report, reader: Reader) -> None:
-    galleries = {one["board"]: one for one in json.loads(reader.data)["pictures"]}
-    kinds = galleries["waves, refocus-v3"]["views"][0]["kinds"]
-    for name, there in (("all_in_focus", True), ("refocus", False)):
-        maps = {run["name"].split()[0]: run["resolved"] for run in kinds[name]["runs"]}
-        assert (maps["fake"] is not None) == there, name
+    # The resolved map stands next to what it explains.
+    assert kinds["all_in_focus"]["runs"][0]["resolved"] and fake["resolved"] is None
 
 
 # ---- parts ----
@@ -414,8 +355,3 @@ def test_sorting_keys_are_numbers_or_absent() -> None:
         '<td class="number" data-sort="Infinity">',
         '<td class="words">',
     ]
-
-
-@pytest.mark.parametrize(("seconds", "text"), [(48.2, "48 s"), (700, "12 min"), (7500, "2 h 05 min")])
-def test_durations(seconds: float, text: str) -> None:
-    assert duration(seconds) == text
