@@ -12,6 +12,7 @@ FoundIn = Literal["sharp", "shallow", "shallow and sharp", "not stated"]
 FoundInViews = Literal["all", "training", "not stated"]
 Poses = Literal["structure from motion on all views", "exact", "not stated"]
 NOT_STATED: Final = "not stated"
+_IMAGES = {"sharp": "all-in-focus images", "shallow": "shallow images"}
 
 
 class PointsRecord(BaseModel):
@@ -38,38 +39,38 @@ class PointsRecord(BaseModel):
 
     @property
     def protocol(self) -> str:
-        """What tells datasets apart whose scores can't be averaged: "" for the scene's own points."""
+        """The part of a protocol's name that keeps apart datasets whose scores can't be averaged; "" for a scene's points."""
         return f"points from {self.photographs} training photographs" if self.origin == "triangulation" else ""
 
 
 def points_of_plan(plan: Mapping[str, Any]) -> PointsRecord | None:
-    """The record in a run's plan, which is plain data; None in the plan of an older result."""
+    """Return the record in a run's plan; None in the plan of an older result."""
     points = plan.get("points")
     return None if points is None else PointsRecord.model_validate(points)
 
 
 def points_in_words(record: PointsRecord | None) -> str:
-    """One or two plain sentences on what a method gets; None, of an older dataset, says that nobody recorded it."""
+    """Describe in one or two sentences the points that a method receives. None: an older dataset, without a record."""
     if record is None:
-        return "Where points and poses come from is not stated: this dataset was made before that was recorded."
+        return "The source of points and poses is unknown: this dataset was made before it was recorded."
     return " ".join(part for part in (_origin(record), _test_views(record)) if part)
 
 
 def _origin(record: PointsRecord) -> str:
     if record.origin == "triangulation":
         return (
-            f"Points are triangulated between the {record.photographs} photographs of the training views alone; poses "
-            f"are given: {_poses(record)}."
+            f"Points are triangulated between the {_IMAGES[record.photographs]} of the training views alone; poses are "
+            f"given: {_poses(record)}."
         )
     if record.origin == "rendered scene":
         return (
-            "Points are triangulated between the sharp images of all views, test views included, and poses are exact; "
-            "a user with shallow photographs has neither."
+            "Points are triangulated between the all-in-focus images of all views, test views included, and poses are "
+            "exact; a user with shallow photographs has neither."
         )
     if record.origin == "structure from motion":
         sharp = record.photographs == "sharp"
         return (
-            f"Points and poses come from structure from motion on the {'sharp ' if sharp else ''}photographs of all "
+            f"Points and poses come from structure from motion on the {'all-in-focus ' if sharp else ''}images of all "
             "views, test views included, as is usual in the field"
             + ("; a user with shallow photographs has neither." if sharp else ".")
         )
@@ -83,7 +84,7 @@ def _poses(record: PointsRecord) -> str:
         return "they are exact"
     if record.poses == NOT_STATED:
         return "the scene doesn't state where they come from"
-    return "they come from structure from motion on the scene's photographs of all views, test views included"
+    return "they come from structure from motion on the scene's images of all views, test views included"
 
 
 def _test_views(record: PointsRecord) -> str:
@@ -91,4 +92,4 @@ def _test_views(record: PointsRecord) -> str:
         return ""
     if record.only_test_views == "left out":
         return "Points that only test views saw aren't given to a method."
-    return "Which views saw a point isn't known, so points that only test views saw are given to a method too."
+    return "Which views saw a point is unknown, so points that only test views saw are given to a method too."

@@ -24,7 +24,7 @@ from dofbench.datasets.synthesis.depth_bounds import bounds_of_views
 from dofbench.datasets.synthesis.depth_record import make_depth
 from dofbench.datasets.synthesis.masked_views import read_masks, write_view_mask
 from dofbench.datasets.synthesis.method_points import choose_points
-from dofbench.datasets.synthesis.photographs_readme import photographs_readme
+from dofbench.datasets.synthesis.readme import photographs_readme
 from dofbench.datasets.synthesis.scene_source import check_source, encoded, image_digests, source_record
 from dofbench.datasets.synthesis.work import WORK, Identity, finish, prepare
 from dofbench.scenes.depth.given import require_depth, with_folder_depth

@@ -43,7 +43,7 @@ from dofbench.datasets.synthesis.contact_sheet import (
 )
 from dofbench.datasets.synthesis.contact_sheet import photographs_sheet as draw_photographs
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
-from dofbench.datasets.synthesis.dataset_readme import readme_text
+from dofbench.datasets.synthesis.readme import dataset_readme
 from dofbench.datasets.synthesis.render_views import Photography
 from dofbench.scenes import export
 from dofbench.scenes.scene import Scene
@@ -123,7 +123,7 @@ def readme(
 ) -> None:
     """Write the dataset's README. notes: what the layouts can't represent. thinlens: record of the renderer "thinlens",
     or None."""
-    write_text(root / README, readme_text(scene, settings, source, depth, points, records, notes, thinlens))
+    write_text(root / README, dataset_readme(scene, settings, source, depth, points, records, notes, thinlens))
 
 
 def expected_files(root: Path, source: SourceRecord, depth: DepthRecord | None) -> list[str]:
