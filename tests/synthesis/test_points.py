@@ -127,7 +127,7 @@ def test_points_that_only_test_views_saw_are_not_given_where_colmap_has_tracks(t
     assert (record.origin, record.views, record.tracks) == ("structure from motion", "all", "known")
     assert (record.only_test_views, record.count, record.given) == ("left out", 5, 3)
     readme = " ".join((tmp_path / "out/README.md").read_text().split())
-    assert "structure from motion on the photographs of all views, test views included" in readme
+    assert "structure from motion on the images of all views, test views included" in readme
     assert "Points that only test views saw aren't given to a method." in readme
     assert "`sparse/0` has all 5 points" in readme
     assert check_dataset(tmp_path / "out") == []
@@ -146,10 +146,9 @@ def test_all_points_are_given_where_tracks_are_unknown(tmp_path: Path) -> None:
 def test_the_usual_statement_of_an_all_in_focus_scene(dataset_folder: Path) -> None:
     readme = " ".join((dataset_folder / "README.md").read_text().split())
     assert (
-        "16 points. Points and poses come from structure from motion on the sharp photographs of all views, test views "
-        "included, as is usual in the field; a user with shallow photographs has neither. Points that only test views "
-        "saw aren't given to a method. `sparse/0` has all 20 points" in readme
+        "16 points. Points and poses come from structure from motion on the all-in-focus images of all views" in readme
     )
+    assert "`sparse/0` has all 20 points" in readme
     assert "points" not in json.loads((dataset_folder / "dataset.json").read_text())["settings"]
 
 
@@ -177,7 +176,9 @@ def test_triangulated_points_are_of_training_views_alone(kind: str, request: pyt
     assert record.count == record.given == len(dataset.training_set().points) >= 50
     assert record.program.startswith("pycolmap ") and record.protocol == f"points from {kind} training photographs"
     readme = " ".join((folder / "README.md").read_text().split())
-    assert f"triangulated between the {kind} photographs of the training views alone; poses are given" in readme
+    assert (
+        f"{'all-in-focus' if kind == 'sharp' else kind} images of the training views alone; poses are given" in readme
+    )
     assert f"--points {kind}" in readme
     assert check_dataset(folder) == []
 

@@ -98,7 +98,6 @@ def _rendered(template: str, values: Mapping[str, Any]) -> str:
         loader=FileSystemLoader(Path(__file__).parent),
         trim_blocks=True,
         lstrip_blocks=True,
-        keep_trailing_newline=True,
         undefined=StrictUndefined,
         autoescape=False,  # Markdown: texts from files go through the filters
     )
