@@ -39,7 +39,7 @@ class PointsRecord(BaseModel):
 
     @property
     def protocol(self) -> str:
-        """The part of a protocol's name that keeps apart datasets whose scores can't be averaged; "" for a scene's points."""
+        """The part of a protocol's name that says how points were found; "" for a scene's own points."""
         return f"points from {self.photographs} training photographs" if self.origin == "triangulation" else ""
 
 
