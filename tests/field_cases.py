@@ -283,3 +283,12 @@ def assert_samples(found: RaySamples, expected: list[tuple[int, float, float]]) 
     assert found.starts.diff().tolist() == [sum(ray == r for ray, _, _ in expected) for r in range(rays)]
     assert found.places.tolist() == pytest.approx([place for _, place, _ in expected], abs=FLOAT32_VALUE)
     assert found.steps.tolist() == pytest.approx([step for _, _, step in expected], abs=FLOAT32_VALUE)
+
+
+CLOSED_FORMS = (
+    assert_fog_follows_beer_and_lambert,
+    assert_planes_times_lines_are_interpolated,
+    assert_points_outside_count_as_on_the_border,
+    assert_features_are_planes_times_lines,
+)
+COMPILED = (assert_what_lies_behind_a_wall_has_no_gradient, assert_thin_fog_keeps_its_digits)

@@ -1,4 +1,4 @@
-"""A GPU backend beside the definition: values and gradients of one call."""
+"""A compiled backend and the definition: values and gradients of one call."""
 
 from __future__ import annotations
 
@@ -21,14 +21,20 @@ def called(function: Callable[..., Tensor], inputs: dict[str, Tensor], upstream:
 
 
 def assert_agrees(
-    op: str, inputs: dict[str, Tensor], upstream: Tensor | None = None, *, function: str | None = None, **options: Any
+    op: str,
+    inputs: dict[str, Tensor],
+    upstream: Tensor | None = None,
+    *,
+    backend: str = "gpu",
+    function: str | None = None,
+    **options: Any,
 ) -> None:
-    """The GPU backend in float32 against the definition in float64, relative to the largest magnitude. inputs: float32,
-    in the order of the function's arguments."""
+    """The backend in float32 against the definition in float64, relative to the largest magnitude. inputs: float32, in
+    the order of the function's arguments."""
     exact_options = {name: _exact(one) for name, one in options.items()}
     exact = {name: value.double() for name, value in inputs.items()}
     expected, expected_gradients = called(load(op, "reference", function=function), exact, upstream, **exact_options)
-    found, gradients = called(load(op, "gpu", function=function), inputs, upstream, **options)
+    found, gradients = called(load(op, backend, function=function), inputs, upstream, **options)
     assert distance(found, expected) < FLOAT32_VALUE
     for name, gradient in gradients.items():
         assert distance(gradient, expected_gradients[name]) < FLOAT32_GRADIENT, name

@@ -115,7 +115,7 @@ def adam(load: Callable[..., Callable[..., Any]], to: Callable[[Tensor], Tensor]
     gradients[3] = gradients[3][5:9]
     rows = [2 if number == 3 else 0 for number in range(8)]
     for step in (3, 4):
-        load("adam")(values, gradients, first, second, steps=[step] * 8, rates=[0.1] * 8, epsilon=1e-15, rows=rows)
+        load("adam")(values, gradients, first, second, steps=[step] * 8, lrs=[0.1] * 8, eps=1e-15, rows=rows)
     yield from (*values, *first, *second)
 
 

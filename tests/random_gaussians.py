@@ -71,9 +71,30 @@ def value_tolerance(output: str) -> float:
     return FLOAT32_DISTORTION if output == "distortion" else FLOAT32_VALUE
 
 
-def assert_agree(gaussians, **options):
+def blurred(n: int, seed: int, largest: float) -> dict[str, torch.Tensor]:
+    """A scene with blur; a third of the Gaussians has none, a seventh next to none."""
+    blur = torch.rand(n, generator=torch.Generator().manual_seed(seed)) * largest
+    blur[1::7] *= 1e-5
+    blur[::3] = 0
+    return {**scene(n, seed), "blur": blur}
+
+
+def facing(depths: list[float], opacity: float = 0.4) -> dict[str, torch.Tensor]:
+    """Flat Gaussians across the axis of a camera at the origin, much wider than the image."""
+    n = len(depths)
+    return {
+        "means": torch.tensor([[0.0, 0.0, float(depth)] for depth in depths]),
+        "log_scales": torch.tensor([[2.5, 2.5, -8.0]]).repeat(n, 1),
+        "quaternions": torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(n, 1),
+        "opacity_logits": torch.full((n,), math.log(opacity / (1 - opacity))),
+        "sh_dc": torch.arange(3.0 * n).reshape(n, 3) / n - 1,
+        "sh_rest": torch.zeros(n, 0, 3),
+    }
+
+
+def assert_agree(gaussians, backend="cpu", **options):
     """The compiled kernel's outputs, gradients and statistics are the float64 reference's; returns the former."""
-    found = render(cpu, gaussians, torch.float32, **options)
+    found = render(load("rasterize", backend), gaussians, torch.float32, **options)
     expected = render(reference, gaussians, torch.float64, **options)
     for name, a, b in zip(found[0]._fields, found[0], expected[0], strict=True):
         assert (a is None) == (b is None), name

@@ -30,7 +30,7 @@ def steps(backend: str, dtype: torch.dtype, rate: float = RATE) -> list[Tensor]:
     found = []
     for step, gradient in enumerate(gradients, 1):
         load("adam", backend)(
-            [values], [gradient], *([one] for one in moments), steps=[step], rates=[rate * step], epsilon=EPSILON
+            [values], [gradient], *([one] for one in moments), steps=[step], lrs=[rate * step], eps=EPSILON
         )
         found.append(values.clone())
     return found
@@ -71,11 +71,11 @@ class Several:
 
     values: list[Tensor]
     gradients: list[Tensor]
-    first: list[Tensor]
-    second: list[Tensor]
+    exp_avgs: list[Tensor]
+    exp_avg_sqs: list[Tensor]
     rows: list[int]
     steps: list[int]
-    rates: list[float]
+    lrs: list[float]
 
     @staticmethod
     def drawn(dtype: torch.dtype) -> Several:
@@ -90,10 +90,10 @@ class Several:
     def step(self, backend: str, only: int | None = None, **options: object) -> list[Tensor]:
         """What is moved by a step on all, or on one of them alone."""
         some = slice(None) if only is None else slice(only, only + 1)
-        moved = [one[some] for one in (self.values, self.first, self.second)]
+        moved = [one[some] for one in (self.values, self.exp_avgs, self.exp_avg_sqs)]
         load("adam", backend)(
             moved[0], self.gradients[some], *moved[1:],
-            steps=self.steps[some], rates=self.rates[some], rows=self.rows[some], epsilon=EPSILON, **options,
+            steps=self.steps[some], lrs=self.lrs[some], rows=self.rows[some], eps=EPSILON, **options,
         )  # fmt: skip
         return [one for each in moved for one in each]
 
@@ -107,7 +107,7 @@ def test_a_step_on_several_tensors_is_one_on_each(backend: str) -> None:
     together.step(backend)
     for number in range(len(alone.values)):
         alone.step(backend, number)
-    for name in ("values", "first", "second"):
+    for name in ("values", "exp_avgs", "exp_avg_sqs"):
         assert all(map(torch.equal, getattr(together, name), getattr(alone, name)))
 
 
@@ -126,28 +126,28 @@ def test_a_scalar_that_is_one_has_nothing_changed(backend: str) -> None:
     values, (gradient, *_) = begun(torch.float32)
     tensors = values, gradient, torch.full_like(values, 0.5), torch.full_like(values, 0.25)
     before = [tensor.clone() for tensor in tensors]
-    arguments, options = [[tensor] for tensor in tensors], {"steps": [1], "rates": [RATE], "epsilon": EPSILON}
+    arguments, options = [[tensor] for tensor in tensors], {"steps": [1], "lrs": [RATE], "eps": EPSILON}
     gradient[7] = torch.nan
-    load("adam", backend)(*arguments, **options, unless=torch.ones(()))
+    load("adam", backend)(*arguments, **options, found_inf=torch.ones(()))
     assert all(torch.equal(*pair) for k, pair in enumerate(zip(tensors, before, strict=True)) if k != 1)
     gradient[7] = 0.0
-    load("adam", backend)(*arguments, **options, unless=torch.zeros(()))
+    load("adam", backend)(*arguments, **options, found_inf=torch.zeros(()))
     assert not any(torch.equal(*pair) for k, pair in enumerate(zip(tensors, before, strict=True)) if k != 1)
 
 
 def test_wrong_arguments_are_named() -> None:
     values = torch.zeros(3)
     call = load("adam")
-    usual = {"steps": [1], "rates": [1.0], "epsilon": 0.0}
-    with pytest.raises(ValueError, match=r"^adam second: expected shape \(3,\), found \(4,\)$"):
+    usual = {"steps": [1], "lrs": [1.0], "eps": 0.0}
+    with pytest.raises(ValueError, match=r"^adam exp_avg_sq: expected shape \(3,\), found \(4,\)$"):
         call([values], [values], [values], [torch.zeros(4)], **usual)
-    with pytest.raises(ValueError, match=r"^adam gradient: expected shape \(3,\), found \(4,\)$"):
+    with pytest.raises(ValueError, match=r"^adam grad: expected shape \(3,\), found \(4,\)$"):
         call([values], [torch.zeros(4)], [values], [values], **usual)
-    with pytest.raises(ValueError, match=r"^adam gradient: expected rows of \(3,\) from row 2 on, found \(2,\)$"):
+    with pytest.raises(ValueError, match=r"^adam grad: expected rows of \(3,\) from row 2 on, found \(2,\)$"):
         call([values], [values[:2]], [values], [values], **usual, rows=[2])
     with pytest.raises(ValueError, match=r"^adam: expected a step of at least 1, found 0$"):
         call(*[[values]] * 4, **{**usual, "steps": [0]})
     with pytest.raises(ValueError, match=r"^adam: expected 1 of each argument, found \[1, 1, 1, 1, 2, 1, 1\]$"):
         call(*[[values]] * 4, **{**usual, "steps": [1, 2]})
-    with pytest.raises(ValueError, match=r"^adam on the CPU: expected float32 on cpu, found torch.float64 on cpu$"):
+    with pytest.raises(ValueError, match=r"^kernel adam, backend cpu: found float64 on cpu, expected float32 on cpu$"):
         load("adam", "cpu")(*[[values.double()]] * 4, **usual)

@@ -86,7 +86,7 @@ def test_content_is_found_in_the_installation(installation: Path, tmp_path: Path
         "for name in FOLDERS: print(content_folder(name))\n"
         "for op in dofbench.runtime.ops.ops():\n"
         "    for backend in dofbench.runtime.ops.backends(op):\n"
-        "        print(dofbench.runtime.ops.load(op, backend).__module__)\n"
+        "        print(dofbench.runtime.ops.backend_of(op, backend))\n"
     )
     printed = called(installation / "python", "-c", script, cwd=tmp_path).splitlines()
     folders = [Path(line) for line in printed[: len(FOLDERS)]]

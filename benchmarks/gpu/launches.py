@@ -121,8 +121,8 @@ def adam() -> None:
     """Of Gaussians, whose training watches whether values are finite, and of a table of lenses, of colours or of
     focuses, whose gradient counts as 0 where it isn't."""
     values = [[torch.zeros(3)] for _ in range(4)]
-    for options in ({"unless": torch.zeros(())}, {"finite": True}):
-        load("adam", "gpu")(*values, steps=[1], rates=[0.1], epsilon=1e-15, **options)
+    for options in ({"found_inf": torch.zeros(())}, {"finite": True}):
+        load("adam", "gpu")(*values, steps=[1], lrs=[0.1], eps=1e-15, **options)
 
 
 def surface() -> None:

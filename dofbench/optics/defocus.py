@@ -86,7 +86,7 @@ def defocus_by_radius(
 
     image: (H, W, 3) float32, encoded; so are both results. With zero radius everywhere `encoded` is the image itself.
     blur: with the renderer "scatter", the paper's, or "layered", which handles occlusion (`layered.py`); InputError for
-    another renderer, unless the radius is zero. backend, form: of `kernels/scatter/reference.py`, whose errors are
+    another renderer, unless the radius is zero. backend, form: of `kernels/scatter/op.py`, whose errors are
     raised here too.
     """
     radius = torch.from_numpy(signed_radius.astype(np.float32))
@@ -102,7 +102,7 @@ def defocus_by_radius(
 def scatter_of(blur: Blur, backend: str = "auto", form: str = "auto") -> Callable[[Tensor, Tensor], Tensor]:
     """The scatter of this blur: from linear light (H, W, C) and signed radii (H, W), pixels, to (H, W, C) blurred.
 
-    backend, form: of `kernels/scatter/reference.py`, whose errors are raised by what comes back.
+    backend, form: of `kernels/scatter/op.py`, whose errors are raised by what comes back.
     """
     kernel = load("scatter", backend)
     return partial(kernel, alpha=blur.alpha, shape=blur.shape, energy=blur.energy, form=form)

@@ -1,23 +1,14 @@
-"""What each implementation of a kernel op declares about itself."""
+"""The declaration of a kernel op's backend."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
-
-
-def _nothing(**_options: Any) -> None:
-    """The warm-up of a backend that compiles nothing."""
-
-
-def _always() -> bool:
-    return True
 
 
 @dataclass(frozen=True)
 class Backend:
-    """An implementation of a kernel op, declared as `BACKEND` in `kernels/<op>/<backend>.py` beside the op's functions.
+    """An implementation of a kernel op, declared as `BACKEND` in `kernels/<op>/<backend>.py` next to its functions.
 
     devices: kinds of device whose tensors the backend takes, as torch names them. dtypes: element types of those
     tensors, as torch names them ("float32"), the preferred one first. bits_repeat: whether the same call gives the same
@@ -29,8 +20,8 @@ class Backend:
     devices: tuple[str, ...]
     dtypes: tuple[str, ...]
     bits_repeat: bool
-    warm_up: Callable[..., None] = _nothing
-    is_warm: Callable[[], bool] = _always
+    warm_up: Callable[..., None] = lambda **_options: None
+    is_warm: Callable[[], bool] = lambda: True
 
     def takes(self, device: str, dtype: str) -> bool:
         """Whether the backend takes tensors of this kind of device and element type."""

@@ -7,7 +7,6 @@ nor imported, before an op is called on a GPU.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -52,16 +51,6 @@ _recorded: dict[Launch, int] | None = None
 _compiled: dict[tuple[Any, ...], Any] = {}
 
 
-def interpreted() -> bool:
-    """Whether Triton's interpreter runs the kernels, on CPU tensors."""
-    return os.environ.get("TRITON_INTERPRET") == "1"
-
-
-def kernels_device() -> str:
-    """The kind of device whose tensors the kernels take here, as torch names it."""
-    return "cpu" if interpreted() else "cuda"
-
-
 @cache
 def kernels(module: str) -> ModuleType:
     """A module of Triton kernels, such as "tone.gpu_power". Raises InputError where Triton isn't installed."""
@@ -73,14 +62,6 @@ def kernels(module: str) -> ModuleType:
             f"kernel {op} on a GPU", "no package triton", "the extra gpu: pip install dofbench[gpu]"
         ) from error
     return import_module(f"dofbench.runtime.ops.{module}")
-
-
-def check_tensors(op: str, **tensors: Tensor | None) -> None:
-    """Raise ValueError, naming the argument, for a tensor that isn't float32 on a GPU (or on the CPU, interpreted)."""
-    kind = kernels_device()
-    for name, tensor in tensors.items():
-        if tensor is not None and (tensor.dtype != torch.float32 or tensor.device.type != kind):
-            raise ValueError(f"{op} {name}: expected float32 on {kind}, found {tensor.dtype} on {tensor.device}")
 
 
 def launch(kernel: Any, grid: tuple[int, ...], *arguments: Any, warps: int = 4, **constants: Any) -> None:

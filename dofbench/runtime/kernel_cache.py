@@ -13,6 +13,7 @@ from typing import Any, Protocol
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 from dofbench.core.source_digest import PACKAGE, source_digest
+from dofbench.runtime.backend import Backend
 
 _compiled = 0
 
@@ -121,3 +122,11 @@ def is_compiled(dispatcher: Dispatcher) -> bool:
     if not isinstance(cache, _SourceCache):
         return True
     return any(key[-1] == cache._digest for key in cache._cache_file._load_index())
+
+
+def cpu_backend(warm_up: Callable[..., None], *functions: Dispatcher) -> Backend:
+    """The declaration of a backend in numba: float32 on the CPU, the same bits in every run.
+
+    functions: `cached` ones that a warm-up compiles last, by which `is_warm` decides.
+    """
+    return Backend(("cpu",), ("float32",), True, warm_up, lambda: all(map(is_compiled, functions)))

@@ -1,1 +1,1 @@
-"""Tone curves between encoded values and linear light: `tone`, a power with a linear toe, and its gradient."""
+"""One step of Adam on several tensors: `adam`."""

@@ -2,41 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import torch
-from torch import Tensor
 from torch.optim.adam import adam as step_of_torch
 
 from dofbench.runtime.backend import Backend
 
-from .reference import BETAS, checked
+from .op import BETA1, BETA2, whole_gradient
 
 BACKEND = Backend(devices=("cpu",), dtypes=("float32",), bits_repeat=True)
 
 
 @torch.no_grad()
-def adam(
-    values: Sequence[Tensor],
-    gradients: Sequence[Tensor],
-    first: Sequence[Tensor],
-    second: Sequence[Tensor],
-    *,
-    steps: Sequence[int],
-    rates: Sequence[float],
-    epsilon: float,
-    rows: Sequence[int] | None = None,
-    finite: bool = False,
-    unless: Tensor | None = None,
-) -> None:
-    """Adam's step in place; see `reference.adam`. float32 on the CPU. Raises ValueError for other tensors."""
-    keep, keep_squares = BETAS
-    for one in checked(values, gradients, first, second, steps, rates, rows):
-        if one.values.dtype != torch.float32 or one.values.device.type != "cpu":
-            found = f"{one.values.dtype} on {one.values.device}"
-            raise ValueError(f"adam on the CPU: expected float32 on cpu, found {found}")
-        gradient, before = one.whole_gradient(finite), torch.tensor(float(one.step - 1))
+def adam(params, grads, exp_avgs, exp_avg_sqs, steps, lrs, eps, rows, finite, found_inf):
+    for param, grad, exp_avg, exp_avg_sq, step, lr, row in zip(
+        params, grads, exp_avgs, exp_avg_sqs, steps, lrs, rows, strict=True
+    ):
+        gradient, before = whole_gradient(param, grad, row, finite), torch.tensor(float(step - 1))
         step_of_torch(
-            [one.values], [gradient], [one.first], [one.second], [], [before], fused=True, found_inf=unless,
-            amsgrad=False, beta1=keep, beta2=keep_squares, lr=one.rate, weight_decay=0.0, eps=epsilon, maximize=False,
+            [param], [gradient], [exp_avg], [exp_avg_sq], [], [before], fused=True, found_inf=found_inf,
+            amsgrad=False, beta1=BETA1, beta2=BETA2, lr=lr, weight_decay=0.0, eps=eps, maximize=False,
         )  # fmt: skip

@@ -1,91 +1,47 @@
-"""Adam's step on a GPU: float32, one Triton kernel that reads and writes everything once.
+"""Adam's step on a GPU: float32, one Triton launch for all tensors, which reads and writes everything once.
 
 torch's fused Adam gives each of its programs 65 536 numbers, which is one program for every 1 100 Gaussians: few of a
-GPU's multiprocessors work, and a step took ten times what its bytes take (docs/notes/gpu.md). And one launch moves
-all parameters of the Gaussians, since it is the host that a training step waits for.
+GPU's multiprocessors work, and a step took ten times what its bytes take (docs/notes/gpu.md).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
+import numpy as np
 import torch
-from torch import Tensor
 
 from dofbench.runtime.backend import Backend
-from dofbench.runtime.gpu_launch import check_tensors, kernels, launch
+from dofbench.runtime.gpu_launch import kernels, launch
 
-from .reference import BETAS, Moved, checked
+from .op import BETA1, BETA2
 
 BACKEND = Backend(devices=("cuda",), dtypes=("float32",), bits_repeat=True)
 _BLOCK = 1024
-_TOGETHER = 6  # tensors of a launch, as many as the kernel has places: those of Gaussians
 
 
 @torch.no_grad()
-def adam(
-    values: Sequence[Tensor],
-    gradients: Sequence[Tensor],
-    first: Sequence[Tensor],
-    second: Sequence[Tensor],
-    *,
-    steps: Sequence[int],
-    rates: Sequence[float],
-    epsilon: float,
-    rows: Sequence[int] | None = None,
-    finite: bool = False,
-    unless: Tensor | None = None,
-) -> None:
-    """Adam's step in place; see `reference.adam`. float32 on a GPU, contiguous but for the gradients.
-
-    Raises ValueError for other tensors, InputError where Triton isn't installed.
-    """
-    moved = checked(values, gradients, first, second, steps, rates, rows)
-    for one in moved:
-        own = {"values": one.values, "first": one.first, "second": one.second}
-        check_tensors("adam", **own, gradient=one.gradient, unless=unless)
-        for name, tensor in own.items():
+def adam(params, grads, exp_avgs, exp_avg_sqs, steps, lrs, eps, rows, finite, found_inf):
+    for name, tensors in (("param", params), ("exp_avg", exp_avgs), ("exp_avg_sq", exp_avg_sqs)):
+        for tensor in tensors:
             if not tensor.is_contiguous():
                 raise ValueError(f"adam {name}: expected a contiguous tensor, found strides {tensor.stride()}")
-    for start in range(0, len(moved), _TOGETHER):
-        _launch(moved[start : start + _TOGETHER], epsilon, finite, unless)
-
-
-def _launch(moved: list[Moved], epsilon: float, finite: bool, unless: Tensor | None) -> None:
-    """Move as many tensors as one launch can."""
-    keep, keep_squares = BETAS
-    arguments = [argument for one in moved for argument in _arguments(one)]
-    nothing = [*arguments[:4], 0, 0, 0, 0.0, 0.0]
+    grads = [grad.contiguous() for grad in grads]  # kept until the launch
+    # A row for each tensor, see `gpu_step`. The driver copies so few numbers at once, so that the host doesn't wait.
+    table, block = np.zeros((len(params), 8), np.int64), 0
+    numbers = table.view(np.float32)
+    for k, (param, grad, exp_avg, exp_avg_sq, row) in enumerate(
+        zip(params, grads, exp_avgs, exp_avg_sqs, rows, strict=True)
+    ):
+        begin = row * param.stride(0) if row else 0
+        pointers = (one.data_ptr() for one in (param, grad, exp_avg, exp_avg_sq))
+        table[k, :7] = (*pointers, block, param.numel(), begin << 32 | grad.numel())
+        numbers[k, 14:] = lrs[k] / (1.0 - BETA1 ** steps[k]), 1.0 / math.sqrt(1.0 - BETA2 ** steps[k])
+        block += -(-param.numel() // _BLOCK)
+    on_device = torch.from_numpy(table).to(params[0].device, non_blocking=True)
     launch(
-        kernels("adam.gpu_step").update,
-        (sum(-(-one.values.numel() // _BLOCK) for one in moved),),
-        *arguments,
-        *(nothing * (_TOGETHER - len(moved))),
-        moved[0].values if unless is None else unless,
-        keep,
-        1.0 - keep,
-        keep_squares,
-        1.0 - keep_squares,
-        float(epsilon),
-        FINITE=finite,
-        WATCHED=unless is not None,
-        BLOCK=_BLOCK,
-    )
-
-
-def _arguments(one: Moved) -> tuple[Tensor, Tensor, Tensor, Tensor, int, int, int, float, float]:
-    """Those of the kernel that are a tensor's own."""
-    keep, keep_squares = BETAS
-    begin = one.row * one.values.stride(0) if one.row else 0
-    return (
-        one.values,
-        one.gradient.contiguous(),
-        one.first,
-        one.second,
-        one.values.numel(),
-        begin,
-        one.gradient.numel(),
-        one.rate / (1.0 - keep**one.step),
-        1.0 / math.sqrt(1.0 - keep_squares**one.step),
-    )
+        kernels("adam.gpu_step").update, (block,), on_device, on_device.view(torch.float32),
+        params[0] if found_inf is None else found_inf, len(params),
+        BETA1, 1.0 - BETA1, BETA2, 1.0 - BETA2, float(eps),
+        FINITE=finite, WATCHED=found_inf is not None, BLOCK=_BLOCK,
+    )  # fmt: skip

@@ -1,1 +1,1 @@
-"""A picture's colours, each mixed from its three channels in the same way."""
+"""An image's colours, each mixed from its three channels in the same way: `colours`."""

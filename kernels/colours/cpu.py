@@ -5,21 +5,16 @@ from __future__ import annotations
 import numpy as np
 import torch
 from numba import njit, prange
-from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from dofbench.runtime.backend import Backend
-from dofbench.runtime.kernel_cache import cached, is_compiled
+from dofbench.runtime.kernel_cache import cached, cpu_backend
+
+from . import op
 
 _PIECE = 2048  # pixels a task, whatever the number of threads, so that sums have the same bits
 
 
-def colours(image: Tensor, change: Tensor) -> Tensor:
-    """See `reference.colours`. float32 on the CPU; raises ValueError for another type or device."""
-    for name, tensor in (("image", image), ("change", change)):
-        if tensor.dtype != torch.float32 or tensor.device.type != "cpu":
-            found = f"{tensor.dtype} on {tensor.device}"
-            raise ValueError(f"colours on the CPU, {name}: expected float32 on cpu, found {found}")
+def colours(image, change):
     return _Colours.apply(image, change)
 
 
@@ -96,9 +91,7 @@ def _gradient(gradient, pixels, change):
 
 def _warm_up() -> None:
     image, change = torch.ones(4, 4, 3, requires_grad=True), torch.zeros(3, 4, requires_grad=True)
-    colours(image, change).sum().backward()
+    op.colours(image, change).sum().backward()
 
 
-BACKEND = Backend(
-    devices=("cpu",), dtypes=("float32",), bits_repeat=True, warm_up=_warm_up, is_warm=lambda: is_compiled(_gradient)
-)
+BACKEND = cpu_backend(_warm_up, _gradient)

@@ -10,9 +10,4 @@ BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_r
 
 
 def colours(image: Tensor, change: Tensor) -> Tensor:
-    """(H, W, 3): each colour c becomes c + D c + e.
-
-    image: (H, W, 3). change: (3, 4), [D | e], how the transform differs from identity. Differentiable with respect to
-    both.
-    """
     return image + image @ change[:, :3].T + change[:, 3]

@@ -1,2 +1,1 @@
-"""A radiance field on a factorised grid: `field` renders rays, `field_density` gives its density at points, and
-`field_samples` says where rays meet occupied cells."""
+"""A radiance field on a factorised grid: `field`, `field_density`, `field_features` and `field_samples`."""

@@ -1,4 +1,4 @@
-"""The radiance field on a CPU: float32, numba, one autograd function; see reference.py for the definition."""
+"""The radiance field on a CPU: float32, numba, one autograd function; see op.py."""
 
 from __future__ import annotations
 
@@ -7,122 +7,62 @@ from typing import Any
 import numpy as np
 import torch
 from numba import njit, prange
-from torch import Tensor
 
-from dofbench.runtime.backend import Backend
 from dofbench.runtime.factored_grid import FieldRender, GridShape, RaySamples
-from dofbench.runtime.kernel_cache import cached, is_compiled
+from dofbench.runtime.kernel_cache import cached, cpu_backend
 from dofbench.runtime.simd import LANES, sums8
+from dofbench.runtime.simd_functions import floor_int
 from dofbench.runtime.simd_memory import store8
 
-from . import cpu_grids, cpu_rays
+from . import cpu_grids, cpu_rays, op
 from .cpu_rays import KEPT, RAYS_PER_TASK, WEIGHT, feature_lanes, softplus8
-from .cpu_samples import march
-from .cpu_stencil import product8, stencil
+from .cpu_stencil import ONE, ZERO, product8, stencil
 
 _POINTS_PER_TASK = 1024
+_RAYS_PER_TASK = 64
 
 
-def field(
-    density: Tensor,
-    colour: Tensor,
-    basis: Tensor,
-    origins: Tensor,
-    directions: Tensor,
-    views: Tensor,
-    starts: Tensor,
-    places: Tensor,
-    lengths: Tensor,
-    *,
-    shape: GridShape,
-    shift: float,
-    least_weight: float = 0.0,
-) -> FieldRender:
-    """Render R rays, each through samples of its own; see `reference.field`. float32 on the CPU.
-
-    The same input gives the same bits, whatever the number of threads. Raises ValueError for tensors of another type,
-    device or shape, FloatingPointError for rays or places that aren't finite.
-    """
-    grids, rays, samples = (density, colour, basis), (origins, directions, views), (places, lengths)
-    _check(grids, rays, starts, samples, shape)
+def field(density, colour, basis, origins, directions, views, places, lengths, starts, shape, shift, least_weight):
+    size = len(places)
+    if int(starts[0]) != 0 or int(starts[-1]) != size or bool((starts.diff() < 0).any()):
+        raise ValueError(f"field starts: expected numbers that rise from 0 to {size}")
+    _check_finite(origins=origins, directions=directions, places=places)
     constants = np.float32(shift), np.float32(least_weight)
-    found = _Field.apply(*grids, *rays, starts, *samples, shape, constants)
+    inputs = density, colour, basis, origins, directions, views, starts, places, lengths
+    found = _Field.apply(*inputs, shape, constants)
     return FieldRender(color=found[:, :3], opacity=found[:, 3], distance=found[:, 4])
 
 
-def field_density(density: Tensor, points: Tensor, *, shape: GridShape, shift: float) -> Tensor:
-    """(P,) density at points (P, 3); see `reference.field_density`. float32 on the CPU, without gradient."""
+def field_density(density, points, shape, shift):
     flat, places = density.detach().numpy(), points.detach().contiguous().numpy()
     found = np.empty(-(-len(places) // LANES) * LANES, np.float32)
     if len(places):
-        _densities(
-            flat, places, shape.nodes, shape.offsets(shape.density_rank), shape.density_rank, np.float32(shift), found
-        )
+        grid = shape.nodes, shape.offsets(shape.density_rank), shape.density_rank
+        _densities(flat, places, *grid, np.float32(shift), found)
     return torch.from_numpy(found[: len(places)])
 
 
-def field_features(density: Tensor, colour: Tensor, points: Tensor, *, shape: GridShape) -> Tensor:
-    """(P, C) planes times lines at points (P, 3); see `reference.field_features`. float32 on the CPU.
-
-    The same input gives the same bits, whatever the number of threads. Raises ValueError for tensors of another type,
-    device or shape, FloatingPointError for points that aren't finite.
-    """
-    expected = {"density": (density, (shape.density_size,)), "colour": (colour, (shape.colour_size,))}
-    _check_floats({**expected, "points": (points, (len(points), 3))})
+def field_features(density, colour, points, shape):
     _check_finite(points=points)
     return _Features.apply(density, colour, points, shape)
 
 
-def field_samples(
-    origins: Tensor, directions: Tensor, spans: Tensor, offsets: Tensor, occupied: Tensor, *, count: int
-) -> RaySamples:
-    """The samples of R rays in occupied cells; see `reference.field_samples`. float32 on the CPU.
-
-    Raises FloatingPointError for rays that aren't finite.
-    """
+def field_samples(origins, directions, spans, offsets, occupied, count):
     _check_finite(origins=origins, directions=directions, spans=spans)
-    rays = tuple(tensor.detach().contiguous().numpy() for tensor in (origins, directions, spans, offsets))
-    cells, starts = occupied.contiguous().numpy(), np.zeros(len(origins) + 1, np.int64)
-    nothing = np.empty(0, np.float32)
-    march(*rays, cells, count, starts, nothing, nothing, False)
+    *rays, cells = (tensor.numpy() for tensor in (origins, directions, spans, offsets, occupied))
+    starts, nothing = np.zeros(len(origins) + 1, np.int64), np.empty(0, np.float32)
+    _march(*rays, cells, count, starts, nothing, nothing, False)
     starts = np.cumsum(starts)
     places, steps = np.empty(starts[-1], np.float32), np.empty(starts[-1], np.float32)
-    march(*rays, cells, count, starts, places, steps, True)
+    _march(*rays, cells, count, starts, places, steps, True)
     return RaySamples(*(torch.from_numpy(array) for array in (starts, places, steps)))
 
 
-def _check_finite(**tensors: Tensor) -> None:
-    """Such a point would have no node beside it."""
+def _check_finite(**tensors):
+    """Raise FloatingPointError for a point that isn't finite, which has no node next to it."""
     for name, tensor in tensors.items():
         if not bool(torch.isfinite(tensor).all()):
             raise FloatingPointError(f"{name}: expected finite numbers")
-
-
-def _check_floats(expected: dict[str, tuple[Tensor, tuple[int, ...]]]) -> None:
-    for name, (tensor, wanted) in expected.items():
-        if tensor.dtype != torch.float32 or tensor.device.type != "cpu" or tuple(tensor.shape) != wanted:
-            found = f"{tensor.dtype} {tuple(tensor.shape)} on {tensor.device}"
-            raise ValueError(f"{name}: expected float32 {wanted} on cpu, found {found}")
-
-
-def _check(grids, rays, starts: Tensor, samples, shape: GridShape) -> None:
-    count, size = len(rays[0]), len(samples[0])
-    expected: dict[str, tuple[Tensor, tuple[int, ...]]] = {
-        "density": (grids[0], (shape.density_size,)),
-        "colour": (grids[1], (shape.colour_size,)),
-        "basis": (grids[2], shape.basis_shape),
-        "origins": (rays[0], (count, 3)),
-        "directions": (rays[1], (count, 3)),
-        "views": (rays[2], (count, 3)),
-        "places": (samples[0], (size,)),
-        "lengths": (samples[1], (size,)),
-    }
-    _check_floats(expected)
-    if starts.dtype != torch.int64 or tuple(starts.shape) != (count + 1,):
-        raise ValueError(f"starts: expected int64 ({count + 1},), found {starts.dtype} {tuple(starts.shape)}")
-    if int(starts[0]) != 0 or int(starts[-1]) != size or bool((starts.diff() < 0).any()):
-        raise ValueError(f"starts: expected numbers that rise from 0 to {size}")
-    _check_finite(origins=rays[0], directions=rays[1], places=samples[0])
 
 
 class _Field(torch.autograd.Function):
@@ -193,21 +133,13 @@ class _Features(torch.autograd.Function):
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(context, gradient):
-        density, colour, points = context.saved_tensors
-        shape = context.shape
-        by_density, by_colour = (
-            _spread(
-                flat.numpy(),
-                points.numpy(),
-                gradient[:, first : first + 3 * rank].contiguous().numpy().reshape(-1),
-                rank,
-                shape.nodes,
-                shape.offsets(rank),
-                rank,
-            )
-            for flat, (rank, first) in zip((density, colour), shape.feature_columns, strict=True)
-        )
-        return torch.from_numpy(by_density), torch.from_numpy(by_colour), None, None
+        *grids, points = context.saved_tensors
+        shape, found = context.shape, []
+        for flat, (rank, first) in zip(grids, shape.feature_columns, strict=True):
+            upstream = gradient[:, first : first + 3 * rank].contiguous().numpy().reshape(-1)
+            grid = shape.nodes, shape.offsets(rank), rank
+            found.append(torch.from_numpy(_spread(flat.numpy(), points.numpy(), upstream, rank, *grid)))
+        return *found, None, None
 
 
 def _points(numbers, ray_of, origins, directions, places) -> np.ndarray:
@@ -263,24 +195,54 @@ def _products(flat, points, nodes, offsets, rank, first, found):
                     store8(row, first + number * rank + channel, product8(flat, mode, rank, channel))
 
 
+@njit(forceinline=True)
+def _cell(coordinate, cells):
+    return min(floor_int(min(max(coordinate, ZERO), ONE) * np.float32(cells)), cells - 1)
+
+
+@njit(forceinline=True)
+def _is_occupied(occupied, origins, directions, ray, place):
+    depth, height, width = occupied.shape
+    x = _cell(origins[ray, 0] + place * directions[ray, 0], width)
+    y = _cell(origins[ray, 1] + place * directions[ray, 1], height)
+    z = _cell(origins[ray, 2] + place * directions[ray, 2], depth)
+    return occupied[z, y, x]
+
+
+@cached
+@njit(parallel=True, error_model="numpy")
+def _march(origins, directions, spans, offsets, occupied, count, starts, places, steps, fill):
+    """First with fill False: starts[r + 1] becomes the number of ray r's samples. Then, with starts added up, with fill
+    True: places and steps are filled."""
+    rays = len(origins)
+    for task in prange(-(-rays // _RAYS_PER_TASK)):
+        for ray in range(task * _RAYS_PER_TASK, min(rays, (task + 1) * _RAYS_PER_TASK)):
+            begin = spans[ray, 0]
+            step = (spans[ray, 1] - begin) / np.float32(count)
+            found = 0
+            if step > ZERO:
+                for k in range(count):
+                    place = begin + (np.float32(k) + offsets[ray]) * step
+                    if _is_occupied(occupied, origins, directions, ray, place):
+                        if fill:
+                            places[starts[ray] + found], steps[starts[ray] + found] = place, step
+                        found += 1
+            if not fill:
+                starts[ray + 1] = found
+
+
 def _warm_up(**_options: Any) -> None:
     shape = GridShape((2, 2, 2), 8, 8, 1)
     random = torch.Generator().manual_seed(0)
     density = torch.rand(shape.density_size, generator=random).requires_grad_()
     colour, basis = (torch.rand(size, generator=random) for size in ((shape.colour_size,), shape.basis_shape))
     rays, starts, places = torch.rand((1, 3), generator=random), torch.tensor([0, 1]), torch.zeros(1)
-    seen = field(density, colour, basis, rays, rays, rays, starts, places, places + 1, shape=shape, shift=0.0)
+    seen = op.field(density, colour, basis, rays, rays, rays, starts, places, places + 1, shape=shape, shift=0.0)
     (seen.color.sum() + seen.opacity.sum()).backward()
-    field_density(density, rays, shape=shape, shift=0.0)
-    field_features(density, colour, rays, shape=shape)
+    op.field_density(density, rays, shape=shape, shift=0.0)
+    op.field_features(density, colour, rays, shape=shape)
     cells = torch.ones((1, 1, 1), dtype=torch.bool)
-    field_samples(rays, rays, torch.zeros((1, 2)), places, cells, count=1)
+    op.field_samples(rays, rays, torch.zeros((1, 2)), places, cells, count=1)
 
 
-BACKEND = Backend(
-    devices=("cpu",),
-    dtypes=("float32",),
-    bits_repeat=True,
-    warm_up=_warm_up,
-    is_warm=lambda: all(is_compiled(function) for function in (cpu_grids.spread, _densities, _products, march)),
-)
+BACKEND = cpu_backend(_warm_up, cpu_grids.spread, _densities, _products, _march)

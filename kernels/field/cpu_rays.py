@@ -11,7 +11,7 @@ from dofbench.runtime.simd_functions import exp8, log2_8, max8
 from dofbench.runtime.simd_memory import load1, load8, store8
 
 from .cpu_stencil import ONE, ZERO, product8, product_slopes8, stencil
-from .reference import LEAST_TRANSMITTANCE
+from .op import LEAST_TRANSMITTANCE
 
 RAYS_PER_TASK = 16
 _STOP = np.float32(LEAST_TRANSMITTANCE)
@@ -93,8 +93,8 @@ def colour_lanes(flat, x, y, z, nodes, offsets, rank, weights):
 
 @njit(forceinline=True)
 def add_colour_gradient(flat, x, y, z, nodes, offsets, rank, weights, by_rgb, by_channels, by_weights):
-    """Fill by_channels (3 rank) with the gradient by a point's channels, and add that by the weights to by_weights.
-    by_rgb: the gradients by red, green and blue before the sigmoid."""
+    """Fill by_channels (3 rank) with the gradient with respect to a point's channels, and add that by the weights to
+    by_weights. by_rgb: the gradients with respect to red, green and blue before the sigmoid."""
     modes = stencil(x, y, z, nodes, offsets, rank)
     by_red, by_green, by_blue = by_rgb
     for channel in range(0, rank, LANES):
@@ -110,8 +110,8 @@ def add_colour_gradient(flat, x, y, z, nodes, offsets, rank, weights, by_rgb, by
 
 @njit(forceinline=True)
 def add_basis_gradient(basis, harmonic, by_weights, by_basis, by_terms, lanes):
-    """Add to by_basis what a ray's by_weights (3, C) make of it, and fill by_terms with the gradient by its
-    harmonics. lanes: eight numbers, scratch."""
+    """Add to by_basis what a ray's by_weights (3, C) make of it, and fill by_terms with the gradient with respect to
+    its harmonics. lanes: eight numbers, scratch."""
     depth, terms, none = by_weights.size // 3, harmonic.size, splat8(ZERO)
     for k in range(terms):
         total = splat8(ZERO)
@@ -151,7 +151,7 @@ def fill_harmonics(view, terms):
 
 @njit(forceinline=True)
 def add_harmonics_gradient(view, by_terms, by_view):
-    """Add the gradient by the view direction to by_view (3)."""
+    """Add the gradient with respect to the view direction to by_view (3)."""
     x, y, z = view[0], view[1], view[2]
     if by_terms.size > 1:
         one = np.float32(0.4886025119029199)
@@ -238,8 +238,8 @@ def render(grids, rays, samples, sizes, constants, kept, seen, results):
 
 @njit(forceinline=True)
 def add_place_gradient(flat, x, y, z, nodes, offsets, rank, by_channels, step, by_point):
-    """Add to by_point (3) the gradient by a point's coordinates. by_channels: by its channels, `step` numbers from mode
-    to mode; with step 0 all modes have the same."""
+    """Add to by_point (3) the gradient with respect to a point's coordinates. by_channels: by its channels, `step`
+    numbers from mode to mode; with step 0 all modes have the same."""
     first, second, third = stencil(x, y, z, nodes, offsets, rank)
     by_x, by_y, by_z = splat8(ZERO), splat8(ZERO), splat8(ZERO)
     for channel in range(0, rank, LANES):
@@ -261,7 +261,7 @@ def add_place_gradient(flat, x, y, z, nodes, offsets, rank, by_channels, step, b
 @njit(parallel=True, error_model="numpy")
 def backward(grids, rays, samples, sizes, constants, kept, seen, gradient, lit_from, wanted, outputs):
     """The gradients of a rendering. gradient: (R, 5), by `render`'s results. lit_from: (R + 1,), how many samples with
-    a colour lie before each ray. wanted: whether gradients by the rays are computed.
+    a colour lie before each ray. wanted: whether gradients with respect to the rays are computed.
 
     outputs: by_feature (S,), by the sum of a sample's density channels; lit (L,), the numbers of samples with a colour;
     by_channels (L, 3 rank), by their colour channels; by_basis (tasks, like basis), to be added up; by_rays (R, 9), by

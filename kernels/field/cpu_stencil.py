@@ -52,7 +52,7 @@ def plane8(flat, at, row, rank, u, v):
 
 @njit(forceinline=True)
 def plane_slopes8(flat, at, row, rank, u, v):
-    """Eight channels of a plane, and their derivatives by u and v."""
+    """Eight channels of a plane, and their derivatives with respect to u and v."""
     upper, lower = load8(flat, at), load8(flat, at + row)
     upper_step, lower_step = load8(flat, at + rank) - upper, load8(flat, at + row + rank) - lower
     upper, lower = upper + upper_step * u, lower + lower_step * u
@@ -69,7 +69,7 @@ def line8(flat, at, rank, w):
 
 @njit(forceinline=True)
 def line_slope8(flat, at, rank, w):
-    """Eight channels of a line, and their derivatives by w."""
+    """Eight channels of a line, and their derivatives with respect to w."""
     first = load8(flat, at)
     step = load8(flat, at + rank) - first
     return first + step * w, step

@@ -10,10 +10,10 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from . import reference
+from . import op
 from .gpu_stencil import product
 
-LEAST_TRANSMITTANCE = tl.constexpr(reference.LEAST_TRANSMITTANCE)
+LEAST_TRANSMITTANCE = tl.constexpr(op.LEAST_TRANSMITTANCE)
 
 
 @triton.jit
@@ -132,7 +132,7 @@ def shade(
 
 @triton.jit
 def weight_and_worth(gradient, weights, places, colours, s, inside, least_weight):
-    """Samples' weights, and the gradients by them. gradient: (5,), of their ray."""
+    """Samples' weights, and the gradients with respect to them. gradient: (5,), of their ray."""
     weight = tl.load(weights + s, mask=inside, other=0.0)
     worth = tl.load(gradient + 3) + tl.load(gradient + 4) * tl.load(places + s, mask=inside, other=0.0)
     # A sample without a colour has anything in its place.
@@ -147,7 +147,8 @@ def weigh_backward(
     gradient, starts, counts, weights, behind, slopes, places, colours, by_feature, size, least_weight,
     BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """(S,) the gradient by the sum of the density's channels, of the samples that are looked at. gradient: (R, 5)."""
+    """(S,) the gradient with respect to the sum of the density's channels, of the samples that are looked at. gradient:
+    (R, 5)."""
     ray = tl.program_id(0)
     begin, _ = begin_and_end(starts, ray, size)
     many = tl.load(counts + 2 * ray)

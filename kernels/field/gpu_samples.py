@@ -20,7 +20,7 @@ def mark(
     origins, directions, spans, offsets, occupied, marks, counts, count, width, height, depth, BLOCK: tl.constexpr
 ):  # fmt: skip
     """marks: (R, count), 1 for the steps that are samples. counts: (R,), how many those are; `FAR_TOO_MANY` for a ray
-    that isn't finite, so that it is told by the sum."""
+    that isn't finite, so that the sum reports it."""
     ray = tl.program_id(0)
     begin, stop = tl.load(spans + 2 * ray), tl.load(spans + 2 * ray + 1)
     offset = tl.load(offsets + ray)

@@ -19,12 +19,11 @@ def spread(
     by_planes, by_lines, by_lights, by_rays, size, nx, ny, nz, part,
     COLOUR: tl.constexpr, WANTED: tl.constexpr, RANK: tl.constexpr, CHANNELS: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """by_planes, by_lines: (S, 3, RANK), the gradients by a sample's interpolated planes and lines.
+    """by_planes, by_lines: (S, 3, RANK), the gradients with respect to a sample's interpolated planes and lines.
 
-    Of the density without COLOUR, by_feature being the gradient by each of its channels; with COLOUR of the colour,
-    by_lights (R, 3, 3 RANK) too. by_rays: (parts, R, 6), with WANTED, by origin and direction; this launch's parts
-    begin at `part`.
-    """
+    Of the density without COLOUR, by_feature being the gradient with respect to each of its channels; with COLOUR of
+    the colour, by_lights (R, 3, 3 RANK) too. by_rays: (parts, R, 6), with WANTED, by origin and direction; this
+    launch's parts begin at `part`."""
     ray = tl.program_id(0)
     mode = tl.program_id(1) // (RANK // CHANNELS)
     channel = (tl.program_id(1) % (RANK // CHANNELS) * CHANNELS + tl.arange(0, CHANNELS))[None, :]

@@ -1,4 +1,4 @@
-"""What the field's Triton kernels read a grid with: where points lie between its nodes, and planes times lines there.
+"""Reading a grid in the field's Triton kernels: where points lie between its nodes, and planes times lines there.
 
 Blocks are (samples, channels). A grid is a matrix of one row of channels a node: the nodes of three planes, row by row,
 then those of three lines, in the order of `MODES`. `mode`, 0 to 2, may be a constant, a number, or a block of numbers.
@@ -50,7 +50,7 @@ def first_of_line(mode, nx, ny, nz):
 def cell(coordinate, nodes):
     """The node below each coordinate, and the share of the way to the next; outside [0, 1] as on the border.
 
-    The share of a coordinate that isn't finite is NaN, so that whoever looks at the result finds it.
+    The share of a coordinate that isn't finite is NaN, and so is the result.
     """
     scaled = tl.minimum(tl.where(coordinate > 0.0, coordinate, 0.0), 1.0) * (nodes - 1)
     below = tl.minimum(scaled.to(tl.int32), nodes - 2)
@@ -78,7 +78,7 @@ def places_of(origins, directions, ray, t, inside):
 
 @triton.jit
 def rows_around(flat, across, down, along, mode, nx, ny, nz, channel, inside, RANK: tl.constexpr):
-    """What a mode's nodes around points hold: four rows of the plane, upper left, upper right, lower left, lower right;
+    """Values of a mode's nodes around points: four rows of the plane, upper left, upper right, lower left, lower right;
     two of the line; and the shares of the way from column to column, from row to row and along the line.
 
     across, down, along: the points' coordinates along the plane's columns and rows and along the line. channel: (1,

@@ -1,9 +1,4 @@
-"""The definition of `field` in plain torch, for any floating type; gradients by autograd.
-
-A point of the unit cube has a density and a colour's coefficients by TensoRF's vector-matrix decomposition (Chen et
-al., ECCV 2022, section 4.2): for each mode, a plane at two coordinates times a line at the third, both interpolated
-linearly between nodes. Rays are rendered by the quadrature of NeRF (Mildenhall et al., ECCV 2020, Eq. 3).
-"""
+"""The definition of `field` in plain torch, for any floating type; gradients by autograd. See op.py."""
 
 from __future__ import annotations
 
@@ -14,8 +9,9 @@ from torch.nn.functional import softplus
 from dofbench.runtime.backend import Backend
 from dofbench.runtime.factored_grid import MODES, FieldRender, GridShape, RaySamples
 
+from .op import LEAST_TRANSMITTANCE
+
 BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
-LEAST_TRANSMITTANCE = 1e-4  # samples behind so little light are left out, as in 3DGS
 
 
 def harmonics(directions: Tensor, count: int) -> Tensor:
@@ -36,57 +32,24 @@ def harmonics(directions: Tensor, count: int) -> Tensor:
     return torch.stack(terms, 1)
 
 
-def field_density(density: Tensor, points: Tensor, *, shape: GridShape, shift: float) -> Tensor:
-    """(P,) density per unit of length at points (P, 3) of the unit cube; points outside count as on its border.
-
-    density: flat, `shape.density_size` numbers. shift: added before the softplus, so that an empty grid is nearly
-    transparent.
-    """
+def field_density(density: Tensor, points: Tensor, shape: GridShape, shift: float) -> Tensor:
     factors = _factors(density, points, shape, shape.density_rank)
     return softplus(torch.stack([factor.sum(1) for factor in factors]).sum(0) + shift)
 
 
-def field_features(density: Tensor, colour: Tensor, points: Tensor, *, shape: GridShape) -> Tensor:
-    """(P, C) what planes times lines give at points (P, 3) of the unit cube, without the sums that make a density and
-    colours of them: the density's channels, then the colour's, mode by mode, so that C is 3 (density_rank +
-    colour_rank). Points outside count as on the cube's border. Differentiable with respect to density and colour.
-
-    density, colour: flat, `shape.density_size` and `shape.colour_size` numbers.
-    """
+def field_features(density: Tensor, colour: Tensor, points: Tensor, shape: GridShape) -> Tensor:
     grids = (density, shape.density_rank), (colour, shape.colour_rank)
     return torch.cat([factor for flat, rank in grids for factor in _factors(flat, points, shape, rank)], 1)
 
 
 def field(
-    density: Tensor,
-    colour: Tensor,
-    basis: Tensor,
-    origins: Tensor,
-    directions: Tensor,
-    views: Tensor,
-    starts: Tensor,
-    places: Tensor,
-    lengths: Tensor,
-    *,
-    shape: GridShape,
-    shift: float,
-    least_weight: float = 0.0,
-) -> FieldRender:
-    """Render R rays, each through samples of its own.
-
-    density, colour: flat, `shape.density_size` and `shape.colour_size` numbers. basis: `shape.basis_shape`, from a
-    point's colour channels to its coefficients. origins, directions: (R, 3) in the unit cube; a sample lies at origin +
-    place * direction. views: (R, 3), unit directions that colours depend on. starts: (R + 1,) int64; ray r has samples
-    starts[r] to starts[r + 1], from near to far. places: (S,) along the rays. lengths: (S,), what a sample's density is
-    multiplied by. least_weight: samples of less weight have no colour.
-
-    Differentiable with respect to all but the last three tensors. Samples behind a transmittance of
-    `LEAST_TRANSMITTANCE` are left out.
-    """
+    density: Tensor, colour: Tensor, basis: Tensor, origins: Tensor, directions: Tensor, views: Tensor, places: Tensor,
+    lengths: Tensor, starts: Tensor, shape: GridShape, shift: float, least_weight: float,
+) -> FieldRender:  # fmt: skip
     count = len(origins)
     ray = torch.repeat_interleave(torch.arange(count, device=starts.device), starts.diff())
     points = origins[ray] + places[:, None] * directions[ray]
-    optical = field_density(density, points, shape=shape, shift=shift) * lengths
+    optical = field_density(density, points, shape, shift) * lengths
     transmittance = torch.exp(-_before(optical, ray, starts))
     seen = ~(transmittance.detach() < LEAST_TRANSMITTANCE)  # NaN counts, so that it comes out
     weight = torch.where(seen, -transmittance * torch.expm1(-optical), 0.0)
@@ -102,14 +65,8 @@ def field(
 
 
 def field_samples(
-    origins: Tensor, directions: Tensor, spans: Tensor, offsets: Tensor, occupied: Tensor, *, count: int
+    origins: Tensor, directions: Tensor, spans: Tensor, offsets: Tensor, occupied: Tensor, count: int
 ) -> RaySamples:
-    """The samples of R rays in occupied cells of the unit cube. No gradients.
-
-    origins, directions: (R, 3) in the unit cube. spans: (R, 2), the places where each ray begins and ends; a ray that
-    ends before it begins has no samples. offsets: (R,) in [0, 1): each ray is divided into `count` equal steps, and a
-    sample lies so far into its step. occupied: (Z, Y, X) bool; points outside the cube count as on its border.
-    """
     length = (spans[:, 1] - spans[:, 0]) / count
     places = spans[:, :1] + (torch.arange(count, device=spans.device) + offsets[:, None]) * length[:, None]
     points = origins[:, None] + places[..., None] * directions[:, None]

@@ -1,1 +1,1 @@
-"""Every pixel mixed from its neighbours by weights of its own: `mix`, and its gradient."""
+"""Every pixel mixed from its neighbours by weights of its own: `mix`."""

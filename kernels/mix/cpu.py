@@ -11,33 +11,25 @@ from __future__ import annotations
 import numpy as np
 import torch
 from numba import njit, prange
-from torch import Tensor
 
-from dofbench.runtime.backend import Backend
-from dofbench.runtime.kernel_cache import cached, is_compiled
+from dofbench.runtime.kernel_cache import cached, cpu_backend
 from dofbench.runtime.simd import LANES
 from dofbench.runtime.simd_functions import exp8
 from dofbench.runtime.simd_memory import load8, store8
 
-from .reference import kernel_size
+from . import op
 
 _BAND = 8  # rows
 _FAST = {"contract", "reassoc"}  # sums may be taken in any order; NaN and infinity stay what they are
 
 
-def mix(image: Tensor, logits: Tensor) -> Tensor:
-    """See `reference.mix`. float32 on the CPU; raises ValueError for another type or device, too."""
-    for name, value in (("image", image), ("logits", logits)):
-        if value.dtype != torch.float32 or value.device.type != "cpu":
-            raise ValueError(f"{name}: expected float32 on cpu, found {value.dtype} on {value.device}")
-    kernel_size(image, logits)
-    return _Mix.apply(image, logits)
+def mix(image, logits, size):
+    return _Mix.apply(image, logits, size)
 
 
 class _Mix(torch.autograd.Function):
     @staticmethod
-    def forward(context, image, logits):
-        size = kernel_size(image, logits)
+    def forward(context, image, logits, size):
         padded = _padded(image.detach().numpy(), size // 2)
         flat = logits.detach().contiguous().numpy()
         mixed, largest, total = _mix(padded, flat, size)
@@ -50,7 +42,7 @@ class _Mix(torch.autograd.Function):
         padded, flat, size, mixed, largest, total = context.kept
         strips, by_logits = _mix_backward(padded, flat, size, mixed, largest, total, gradient.contiguous().numpy())
         by_image = _added(strips, padded.shape[1], padded.shape[2], size // 2)
-        return torch.from_numpy(by_image), torch.from_numpy(by_logits)
+        return torch.from_numpy(by_image), torch.from_numpy(by_logits), None
 
 
 def _padded(image, reach):
@@ -134,7 +126,7 @@ def _mix_backward(padded, logits, size, mixed, largest, total, gradient):
 
 
 def _added(strips, height, width, reach):
-    """(H, W, C): the strips added up, from the first to the last, without what lies beside the image."""
+    """(H, W, C): the strips added up, from the first to the last, without what lies outside the image."""
     whole = np.zeros((strips.shape[1], height + _BAND, width), np.float32)
     for band, strip in enumerate(strips):
         whole[:, band * _BAND : band * _BAND + strip.shape[1]] += strip
@@ -145,13 +137,7 @@ def _added(strips, height, width, reach):
 def _warm_up() -> None:
     generator = torch.Generator().manual_seed(0)
     image = torch.rand(4, 5, 3, generator=generator).requires_grad_()
-    mix(image, torch.rand(4, 5, 9, generator=generator).requires_grad_()).sum().backward()
+    op.mix(image, torch.rand(4, 5, 9, generator=generator).requires_grad_()).sum().backward()
 
 
-BACKEND = Backend(
-    devices=("cpu",),
-    dtypes=("float32",),
-    bits_repeat=True,
-    warm_up=_warm_up,
-    is_warm=lambda: is_compiled(_mix_backward),
-)
+BACKEND = cpu_backend(_warm_up, _mix_backward)

@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 import torch
-from torch import Tensor
 
 from dofbench.runtime.backend import Backend
-from dofbench.runtime.gpu_launch import check_tensors, kernels, launch
-
-from .reference import kernel_size
+from dofbench.runtime.gpu_launch import kernels, launch
 
 BACKEND = Backend(devices=("cuda",), dtypes=("float32",), bits_repeat=True)
 _BLOCK = 128
 _CHANNELS = 4  # read together
 
 
-def mix(image: Tensor, logits: Tensor) -> Tensor:
-    """See `reference.mix`. float32 on a GPU; raises ValueError for another type or device, too."""
-    check_tensors("mix", image=image, logits=logits)
-    kernel_size(image, logits)
+def mix(image, logits, size):
     logits = logits.contiguous()
-    groups = [_Mix.apply(channels.contiguous(), logits) for channels in image.split(_CHANNELS, dim=2)]
+    groups = [_Mix.apply(channels.contiguous(), logits, size) for channels in image.split(_CHANNELS, dim=2)]
     return groups[0] if len(groups) == 1 else torch.cat(groups, dim=2)
 
 
 class _Mix(torch.autograd.Function):
     @staticmethod
-    def forward(context, image, logits):
+    def forward(context, image, logits, size):
         height, width, channels = image.shape
-        options = {"SIZE": kernel_size(image, logits), "CHANNELS": channels, "BLOCK": _BLOCK}
+        options = {"SIZE": size, "CHANNELS": channels, "BLOCK": _BLOCK}
         grid = (-(-height * width // _BLOCK),)
         result = torch.empty_like(image)
         largest, total = (torch.empty(height, width, device=image.device) for _ in range(2))
@@ -49,4 +43,4 @@ class _Mix(torch.autograd.Function):
         sizes = height, width
         launch(softmax.by_logits, context.grid, image, logits, result, *known, by_logits, *sizes, **context.options)
         launch(softmax.by_image, context.grid, logits, *known, by_image, *sizes, **context.options)
-        return by_image, by_logits
+        return by_image, by_logits, None

@@ -1,7 +1,7 @@
 """Triton kernels of `mix`: a program for a block of pixels, in turn over its K x K neighbours.
 
-The gradient by the image is gathered as well: a pixel asks each pixel around it for the weight that it gave, so nothing
-is added up by atomics and bits repeat. Images are (H, W, C) with C at most 4, `CHANNELS` of them read.
+The gradient with respect to the image is gathered as well: a pixel asks each pixel around it for the weight that it
+gave, so nothing is added up by atomics and bits repeat. Images are (H, W, C) with C at most 4, `CHANNELS` of them read.
 """
 
 from __future__ import annotations
@@ -12,17 +12,9 @@ import triton.language as tl
 
 @triton.jit
 def mixed(
-    image,
-    logits,
-    result,
-    largest,
-    total,
-    height,
-    width,
-    SIZE: tl.constexpr,
-    CHANNELS: tl.constexpr,
-    BLOCK: tl.constexpr,
-):
+    image, logits, result, largest, total, height, width,
+    SIZE: tl.constexpr, CHANNELS: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
     """The mean of the neighbours; and of each pixel's weights the largest logit and the sum, for the gradient."""
     at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     inside = at < height * width
@@ -52,19 +44,9 @@ def mixed(
 
 @triton.jit
 def by_logits(
-    image,
-    logits,
-    result,
-    largest,
-    total,
-    gradient,
-    pulls,
-    height,
-    width,
-    SIZE: tl.constexpr,
-    CHANNELS: tl.constexpr,
-    BLOCK: tl.constexpr,
-):
+    image, logits, result, largest, total, gradient, pulls, height, width,
+    SIZE: tl.constexpr, CHANNELS: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
     """A logit's gradient: its share times what its neighbour's colour is worth more than the mean."""
     at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     inside = at < height * width
@@ -89,17 +71,9 @@ def by_logits(
 
 @triton.jit
 def by_image(
-    logits,
-    largest,
-    total,
-    gradient,
-    pulls,
-    height,
-    width,
-    SIZE: tl.constexpr,
-    CHANNELS: tl.constexpr,
-    BLOCK: tl.constexpr,
-):
+    logits, largest, total, gradient, pulls, height, width,
+    SIZE: tl.constexpr, CHANNELS: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
     """A pixel's gradient, from all pixels that it was mixed into."""
     at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     inside = at < height * width

@@ -1,1 +1,1 @@
-"""Rasterising 3D Gaussians: colour, opacity, depth and normals of one view, with gradients."""
+"""Rasterising 3D Gaussians: `rasterize` and `rasterize_from_points`."""

@@ -198,32 +198,15 @@ def _backward_tile(
 
 @cached
 @njit(parallel=True, error_model="numpy")
-def blend(
-    features,
-    records,
-    starts,
-    ids,
-    spans,
-    view,
-    columns,
-    background,
-    color,
-    alpha,
-    depth,
-    median,
-    median_at,
-    normal,
-    distortion,
-    mean_inverse,
-    looked_at,
-    workers,
-):
+def blend(features, records, lists, view, columns, background, images, looked_at, workers):
     """Composite every tile, writing the images (flat) and how many Gaussians each tile processed.
 
     features: an empty tuple for colour and alpha, one entry to add depth, two to add median depth and normals, three
-    to add distortion (its length is known when compiling). Images that the features leave out may be empty.
+    to add distortion (its length is known when compiling). lists: starts, ids and spans of `fill_tiles`. images: color,
+    alpha, depth, median, median_at, normal, distortion, mean_inverse; those that the features skip may be empty.
     mean_inverse: the mean of the inverse ray lengths, which the backward pass needs for distortion.
     """
+    starts, ids, spans = lists
     tiles = looked_at.size
     for worker in prange(workers):
         scratch = np.empty(planes.SCRATCH_WITH_DISTORTION if len(features) > 2 else planes.SCRATCH, np.float32)
@@ -234,56 +217,18 @@ def blend(
             looked_at[tile] = _forward_tile(
                 features, records, ids, spans, starts[tile], starts[tile + 1], left, top, view[layout.NEAR], scratch
             )
-            write_tile(
-                features,
-                scratch,
-                left,
-                top,
-                view,
-                background,
-                color,
-                alpha,
-                depth,
-                median,
-                median_at,
-                normal,
-                distortion,
-                mean_inverse,
-            )
+            write_tile(features, scratch, left, top, view, background, images)
 
 
 @cached
 @njit(parallel=True, error_model="numpy")
-def blend_backward(
-    features,
-    absolute,
-    records,
-    starts,
-    ids,
-    spans,
-    view,
-    columns,
-    looked_at,
-    color,
-    alpha,
-    depth,
-    normal,
-    median_at,
-    distortion,
-    mean_inverse,
-    g_color,
-    g_alpha,
-    g_depth,
-    g_median,
-    g_normal,
-    g_distortion,
-    out,
-    workers,
-):
+def blend_backward(features, absolute, records, lists, view, columns, looked_at, images, by_images, out, workers):
     """The contribution of every intersection to the gradient, written to its place in `out` (see cpu_layout).
 
-    absolute: a tuple with one entry to fill ABS_X and ABS_Y too, else empty. A gradient of size 0 is zero.
+    absolute: a tuple with one entry to fill ABS_X and ABS_Y too, else empty. by_images: the gradients with respect to
+    color, alpha, depth, median, normal and distortion; one of size 0 is zero. The other arguments are those of `blend`.
     """
+    starts, ids, spans = lists
     tiles = looked_at.size
     width = 24 if len(features) > 1 else 16
     for worker in prange(workers):
@@ -291,39 +236,8 @@ def blend_backward(
         for tile in range(worker, tiles, workers):
             left, top = tile % columns * layout.TILE_WIDTH, tile // columns * layout.TILE_HEIGHT
             if looked_at[tile] > 0:
-                read_tile(
-                    features,
-                    scratch,
-                    left,
-                    top,
-                    view,
-                    color,
-                    alpha,
-                    depth,
-                    normal,
-                    median_at,
-                    distortion,
-                    mean_inverse,
-                    g_color,
-                    g_alpha,
-                    g_depth,
-                    g_median,
-                    g_normal,
-                    g_distortion,
-                )
+                read_tile(features, scratch, left, top, view, images, by_images)
             _backward_tile(
-                features,
-                absolute,
-                width,
-                records,
-                ids,
-                spans,
-                starts[tile],
-                starts[tile + 1],
-                looked_at[tile],
-                left,
-                top,
-                view[layout.NEAR],
-                scratch,
-                out,
-            )
+                features, absolute, width, records, ids, spans, starts[tile], starts[tile + 1], looked_at[tile],
+                left, top, view[layout.NEAR], scratch, out,
+            )  # fmt: skip

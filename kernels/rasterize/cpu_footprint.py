@@ -67,16 +67,10 @@ def axes8(view, w, x, y, z):
     r10, r11, r12 = view[layout.ROTATION + 3], view[layout.ROTATION + 4], view[layout.ROTATION + 5]
     r20, r21, r22 = view[layout.ROTATION + 6], view[layout.ROTATION + 7], view[layout.ROTATION + 8]
     return (
-        r00 * c0x + (r01 * c0y + r02 * c0z),
-        r10 * c0x + (r11 * c0y + r12 * c0z),
-        r20 * c0x + (r21 * c0y + r22 * c0z),
-        r00 * c1x + (r01 * c1y + r02 * c1z),
-        r10 * c1x + (r11 * c1y + r12 * c1z),
-        r20 * c1x + (r21 * c1y + r22 * c1z),
-        r00 * c2x + (r01 * c2y + r02 * c2z),
-        r10 * c2x + (r11 * c2y + r12 * c2z),
-        r20 * c2x + (r21 * c2y + r22 * c2z),
-    )
+        r00 * c0x + (r01 * c0y + r02 * c0z), r10 * c0x + (r11 * c0y + r12 * c0z), r20 * c0x + (r21 * c0y + r22 * c0z),
+        r00 * c1x + (r01 * c1y + r02 * c1z), r10 * c1x + (r11 * c1y + r12 * c1z), r20 * c1x + (r21 * c1y + r22 * c1z),
+        r00 * c2x + (r01 * c2y + r02 * c2z), r10 * c2x + (r11 * c2y + r12 * c2z), r20 * c2x + (r21 * c2y + r22 * c2z),
+    )  # fmt: skip
 
 
 @njit(forceinline=True)

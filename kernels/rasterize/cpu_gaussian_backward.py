@@ -10,18 +10,7 @@ from dofbench.runtime.simd_functions import exp8, sqrt8
 from dofbench.runtime.simd_memory import gather8, load8, scatter8, store8
 
 from . import cpu_layout as layout
-from .cpu_footprint import (
-    ONE,
-    ZERO,
-    axes8,
-    dot3,
-    footprint8,
-    plane8,
-    ratio8,
-    sizes8,
-    to_camera8,
-    unit_quaternion8,
-)
+from .cpu_footprint import ONE, ZERO, axes8, dot3, footprint8, plane8, ratio8, sizes8, to_camera8, unit_quaternion8
 from .cpu_sh import color_backward8
 
 HALF = np.float32(0.5)
@@ -48,36 +37,12 @@ def quaternion_backward8(w, x, y, z, inverse, g):
 
 @njit(error_model="numpy")
 def backward_block(
-    means,
-    log_scales,
-    quaternions,
-    opacity_logits,
-    sh_rest,
-    rest,
-    filter_3d,
-    blur,
-    degree,
-    geometry,
-    view,
-    i,
-    records,
-    out,
-    seen_bits,
-    sums,
-    d_means,
-    d_scales,
-    d_quaternions,
-    d_logits,
-    d_dc,
-    d_rest,
-    d_blur,
-    d_radius,
-    grad_2d,
-    basis,
-    pulls,
-):
+    inputs, rest, degree, geometry, view, i, records, out, seen_bits, sums, outputs, grad_2d, basis, pulls
+):  # fmt: skip
     """Gradients of Gaussians i … i + 7 of the inputs, with records out … out + 7; seen_bits: bits of those with a
     gradient."""
+    means, log_scales, quaternions, opacity_logits, _, sh_rest, filter_3d, blur, _ = inputs
+    d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, d_blur, d_radius, _ = outputs
     seen = mask8_of(seen_bits)
     px, py, pz = gather8(means, 3 * i, 3), gather8(means, 3 * i + 1, 3), gather8(means, 3 * i + 2, 3)
     x, y, z = to_camera8(view, px, py, pz)
@@ -240,16 +205,10 @@ def backward_block(
     r10, r11, r12 = view[layout.ROTATION + 3], view[layout.ROTATION + 4], view[layout.ROTATION + 5]
     r20, r21, r22 = view[layout.ROTATION + 6], view[layout.ROTATION + 7], view[layout.ROTATION + 8]
     g_rotation = (
-        r00 * g0x + (r10 * g0y + r20 * g0z),
-        r01 * g0x + (r11 * g0y + r21 * g0z),
-        r02 * g0x + (r12 * g0y + r22 * g0z),
-        r00 * g1x + (r10 * g1y + r20 * g1z),
-        r01 * g1x + (r11 * g1y + r21 * g1z),
-        r02 * g1x + (r12 * g1y + r22 * g1z),
-        r00 * g2x + (r10 * g2y + r20 * g2z),
-        r01 * g2x + (r11 * g2y + r21 * g2z),
-        r02 * g2x + (r12 * g2y + r22 * g2z),
-    )
+        r00 * g0x + (r10 * g0y + r20 * g0z), r01 * g0x + (r11 * g0y + r21 * g0z), r02 * g0x + (r12 * g0y + r22 * g0z),
+        r00 * g1x + (r10 * g1y + r20 * g1z), r01 * g1x + (r11 * g1y + r21 * g1z), r02 * g1x + (r12 * g1y + r22 * g1z),
+        r00 * g2x + (r10 * g2y + r20 * g2z), r01 * g2x + (r11 * g2y + r21 * g2z), r02 * g2x + (r12 * g2y + r22 * g2z),
+    )  # fmt: skip
     g_w, g_i, g_j, g_k = quaternion_backward8(w, qx, qy, qz, inverse_norm, g_rotation)
     scatter8(d_quaternions, 4 * i, 4, select8(seen, g_w, ZERO))
     scatter8(d_quaternions, 4 * i + 1, 4, select8(seen, g_i, ZERO))
@@ -264,22 +223,9 @@ def backward_block(
     green = select8(seen & (green > ZERO), gather8(sums, layout.S_GREEN, SLOT), ZERO)
     blue = select8(seen & (blue > ZERO), gather8(sums, layout.S_BLUE, SLOT), ZERO)
     eye = layout.CENTRE
+    dx, dy, dz = px - view[eye], py - view[eye + 1], pz - view[eye + 2]
     dx, dy, dz = color_backward8(
-        sh_rest,
-        rest,
-        degree,
-        i,
-        seen,
-        px - view[eye],
-        py - view[eye + 1],
-        pz - view[eye + 2],
-        red,
-        green,
-        blue,
-        d_dc,
-        d_rest,
-        basis,
-        pulls,
+        sh_rest, rest, degree, i, seen, dx, dy, dz, red, green, blue, d_dc, d_rest, basis, pulls
     )
     scatter8(d_means, 3 * i, 3, select8(seen, r00 * g_x + (r10 * g_y + r20 * g_z) + dx, ZERO))
     scatter8(d_means, 3 * i + 1, 3, select8(seen, r01 * g_x + (r11 * g_y + r21 * g_z) + dy, ZERO))

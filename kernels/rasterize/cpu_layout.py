@@ -1,12 +1,15 @@
-"""Sizes and array layouts that the compiled stages share."""
+"""Sizes and array layouts that the compiled stages share; the division of Gaussians into blocks of eight."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+from numba import njit
 
 from dofbench.runtime.simd import LANES
+
+from . import op
 
 # Tiles are one vector wide, since wider ones waste lanes at the sides of small Gaussians, and have as many pixels as 16
 # x 16.
@@ -37,12 +40,33 @@ TRANSLATION = 9
 CENTRE = 12
 FX, FY, CX, CY, WIDTH, HEIGHT, NEAR, FILTER_2D, FADES, U_LOW, U_HIGH, V_LOW, V_HIGH = range(15, 28)
 
-MAX_ALPHA = np.float32(0.99)
-MIN_ALPHA = 1.0 / 255.0
-LOG2_MAX_ALPHA = np.float32(math.log2(0.99))
-LOG2_MIN_ALPHA = np.float32(math.log2(MIN_ALPHA))
-MIN_TRANSMITTANCE = np.float32(1e-4)
-MIN_DETERMINANT = np.float32(1e-6)
-EDGE_ON = np.float32(1e-7)
+MAX_ALPHA, MIN_ALPHA = np.float32(op.MAX_ALPHA), np.float32(op.MIN_ALPHA)
+LOG2_MAX_ALPHA, LOG2_MIN_ALPHA = np.float32(math.log2(op.MAX_ALPHA)), np.float32(math.log2(op.MIN_ALPHA))
+MIN_TRANSMITTANCE = np.float32(op.MIN_TRANSMITTANCE)
+MIN_DETERMINANT, EDGE_ON = np.float32(op.MIN_DETERMINANT), np.float32(op.EDGE_ON)
 # sqrt(log2(e) / 2): converts distances in standard deviations to the records' base-2 exponent.
 EXPONENT_SCALE = np.float32(math.sqrt(math.log2(math.e) / 2))
+
+# Number of parts into which the Gaussians are divided for threads: enough for many threads, with negligible overhead.
+CHUNKS = 64
+
+
+@njit(error_model="numpy")
+def tail_of(array, n):
+    """The rows of a flat array of n rows after the last full block of eight, padded with zeros to eight."""
+    width = array.size // n if n > 0 else 0
+    padded = np.zeros(LANES * width, np.float32)
+    start = n // LANES * LANES * width
+    for k in range(start, n * width):
+        padded[k - start] = array[k]
+    return padded
+
+
+@njit(error_model="numpy")
+def tails_of(arrays, n):
+    """The last, incomplete block of each of nine arrays, see `tail_of`."""
+    return (
+        tail_of(arrays[0], n), tail_of(arrays[1], n), tail_of(arrays[2], n), tail_of(arrays[3], n),
+        tail_of(arrays[4], n), tail_of(arrays[5], n), tail_of(arrays[6], n), tail_of(arrays[7], n),
+        tail_of(arrays[8], n),
+    )  # fmt: skip

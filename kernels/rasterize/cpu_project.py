@@ -12,49 +12,18 @@ from dofbench.runtime.simd_memory import gather8, load8, scatter8, store8
 
 from . import cpu_layout as layout
 from .cpu_bin import count_tiles
-from .cpu_blocks import CHUNKS, tails_of
-from .cpu_footprint import (
-    ONE,
-    ZERO,
-    axes8,
-    dot3,
-    footprint8,
-    plane8,
-    ratio8,
-    sizes8,
-    to_camera8,
-    unit_quaternion8,
-)
+from .cpu_footprint import ONE, ZERO, axes8, dot3, footprint8, plane8, ratio8, sizes8, to_camera8, unit_quaternion8
+from .cpu_layout import CHUNKS, MIN_ALPHA, tails_of
 from .cpu_sh import TERMS, color8
 
 HALF = np.float32(0.5)
-MIN_ALPHA = np.float32(layout.MIN_ALPHA)
 
 
 @njit(error_model="numpy")
-def project_block(
-    means,
-    log_scales,
-    quaternions,
-    opacity_logits,
-    sh_dc,
-    sh_rest,
-    rest,
-    filter_3d,
-    blur,
-    margin,
-    degree,
-    geometry,
-    view,
-    i,
-    records,
-    depths,
-    radii,
-    visible,
-    out,
-    basis,
-):
+def project_block(inputs, rest, degree, geometry, view, i, outputs, out, basis):
     """Project Gaussians i … i + 7 of the inputs into places out … out + 7; returns the lanes gone non-finite."""
+    means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur, margin = inputs
+    records, depths, radii, visible, _ = outputs
     px, py, pz = gather8(means, 3 * i, 3), gather8(means, 3 * i + 1, 3), gather8(means, 3 * i + 2, 3)
     x, y, z = to_camera8(view, px, py, pz)
     fx, fy = view[layout.FX], view[layout.FY]
@@ -159,18 +128,9 @@ def project_block(
         ig = ONE / (cu * cu + (cv * cv + ONE))
         distance = sqrt8(dot3(x, y, z, x, y, z))
         scatter8(records, base + layout.T0, layout.RECORD, distance)
-        scatter8(
-            records,
-            base + layout.TX,
-            layout.RECORD,
-            select8(edge_on, ZERO, distance * (hx * inverse_along - cu * ig) / fx),
-        )
-        scatter8(
-            records,
-            base + layout.TY,
-            layout.RECORD,
-            select8(edge_on, ZERO, distance * (hy * inverse_along - cv * ig) / fy),
-        )
+        tx, ty = distance * (hx * inverse_along - cu * ig) / fx, distance * (hy * inverse_along - cv * ig) / fy
+        scatter8(records, base + layout.TX, layout.RECORD, select8(edge_on, ZERO, tx))
+        scatter8(records, base + layout.TY, layout.RECORD, select8(edge_on, ZERO, ty))
         if geometry > 1:
             unit = select8(edge_on, ZERO, -ONE / select8(edge_on, ONE, length))
             scatter8(records, base + layout.NX, layout.RECORD, hx * unit)
@@ -180,54 +140,17 @@ def project_block(
 
 
 @njit(error_model="numpy")
-def project_blocks(
-    means,
-    log_scales,
-    quaternions,
-    opacity_logits,
-    sh_dc,
-    sh_rest,
-    rest,
-    filter_3d,
-    blur,
-    margin,
-    tails,
-    degree,
-    geometry,
-    view,
-    first,
-    stop,
-    records,
-    depths,
-    radii,
-    visible,
-    counts,
-):
+def project_blocks(inputs, rest, tails, degree, geometry, view, first, stop, outputs):
     """Project the blocks first … stop - 1; returns the index of a Gaussian that is not finite, or -1."""
-    n = opacity_logits.size
+    n, margin = inputs[3].size, inputs[8]
+    records, _, _, visible, counts = outputs
     bad = -1
     basis = np.empty(TERMS * LANES, np.float32)
     for block in range(first, stop):
         i = block * LANES
         # One call with selected arguments, since a second call would compile a second copy.
-        if i + LANES <= n:
-            place, a, b, c, d, e, f, g, h, m = (
-                i,
-                means,
-                log_scales,
-                quaternions,
-                opacity_logits,
-                sh_dc,
-                sh_rest,
-                filter_3d,
-                blur,
-                margin,
-            )
-        else:
-            place, (a, b, c, d, e, f, g, h, m) = 0, tails
-        lost = project_block(
-            a, b, c, d, e, f, rest, g, h, m, degree, geometry, view, place, records, depths, radii, visible, i, basis
-        )
+        place, eight = (i, inputs) if i + LANES <= n else (0, tails)
+        lost = project_block(eight, rest, degree, geometry, view, place, outputs, i, basis)
         for lane in range(min(LANES, n - i)):
             if (lost >> lane) & 1:
                 bad = i + lane
@@ -243,60 +166,20 @@ def project_blocks(
 
 @cached
 @njit(parallel=True, error_model="numpy")
-def project(
-    means,
-    log_scales,
-    quaternions,
-    opacity_logits,
-    sh_dc,
-    sh_rest,
-    rest,
-    filter_3d,
-    blur,
-    margin,
-    degree,
-    geometry,
-    view,
-    records,
-    depths,
-    radii,
-    visible,
-    counts,
-):
-    """Fill records, depths, radii, visible and counts (tiles met) of every Gaussian.
+def project(inputs, rest, degree, geometry, view, outputs):
+    """Fill outputs: records, depths, radii, visible and counts (tiles met) of every Gaussian.
 
-    Inputs are flat, filter_3d, blur and margin empty where there is none; `rest` is the number of SH coefficients
-    beyond the first. margin: pixels by which a Gaussian may be moved before it is drawn, so that those just outside the
-    image count as visible; counts is then 1 for each visible one, since the tiles depend on the move. geometry: 0 none,
-    1 depth, 2 full. The outputs have room for N rounded up to a multiple of eight. Returns the index of a Gaussian that
-    is not finite, or -1.
+    inputs: the six parameters, filter_3d, blur and margin, flat; the last three empty where there is none. rest: number
+    of SH coefficients beyond the first. margin: pixels by which a Gaussian may be moved before it is drawn, so that
+    those just outside the image count as visible; counts is then 1 for each visible one, since the tiles depend on the
+    move. geometry: 0 none, 1 depth, 2 full. The outputs have room for N rounded up to a multiple of eight. Returns the
+    index of a Gaussian that is not finite, or -1.
     """
-    blocks = (opacity_logits.size + LANES - 1) // LANES
+    blocks = (inputs[3].size + LANES - 1) // LANES
     chunks = min(blocks, CHUNKS)
     bad = np.full(max(chunks, 1), -1)
-    tails = tails_of(means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur, margin)
+    tails = tails_of(inputs, inputs[3].size)
     for chunk in prange(chunks):
-        bad[chunk] = project_blocks(
-            means,
-            log_scales,
-            quaternions,
-            opacity_logits,
-            sh_dc,
-            sh_rest,
-            rest,
-            filter_3d,
-            blur,
-            margin,
-            tails,
-            degree,
-            geometry,
-            view,
-            chunk * blocks // chunks,
-            (chunk + 1) * blocks // chunks,
-            records,
-            depths,
-            radii,
-            visible,
-            counts,
-        )
+        first, stop = chunk * blocks // chunks, (chunk + 1) * blocks // chunks
+        bad[chunk] = project_blocks(inputs, rest, tails, degree, geometry, view, first, stop, outputs)
     return bad.max()

@@ -11,9 +11,9 @@ from dofbench.runtime.simd import LANES, splat8
 from dofbench.runtime.simd_memory import load8, prefetch, store8
 
 from . import cpu_layout as layout
-from .cpu_blocks import CHUNKS, tail_of, tails_of
 from .cpu_footprint import ZERO
 from .cpu_gaussian_backward import backward_block
+from .cpu_layout import CHUNKS, tails_of
 from .cpu_sh import TERMS
 
 SLOT = layout.SLOT
@@ -43,22 +43,6 @@ def zero_rows(array, n, i, count):
 
 
 @njit(error_model="numpy")
-def zero_block(outputs, n, i, count):
-    """Write the zero gradients of a block of Gaussians that no tile met."""
-    d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, d_blur, d_radius, grad_2d, abs_grad_2d = outputs
-    zero_rows(d_means, n, i, count)
-    zero_rows(d_scales, n, i, count)
-    zero_rows(d_quaternions, n, i, count)
-    zero_rows(d_logits, n, i, count)
-    zero_rows(d_dc, n, i, count)
-    zero_rows(d_rest, n, i, count)
-    zero_rows(d_blur, n, i, count)
-    zero_rows(d_radius, n, i, count)
-    zero_rows(grad_2d, n, i, count)
-    zero_rows(abs_grad_2d, n, i, count)
-
-
-@njit(error_model="numpy")
 def put_tail(array, n, tail):
     """Write a padded block back to the rows after the last full block; the inverse of `tail_of`."""
     start = n // LANES * LANES * (array.size // n)
@@ -77,44 +61,22 @@ def met_lanes(offsets, i, count):
 
 
 @njit(error_model="numpy")
-def backward_blocks(
-    means,
-    log_scales,
-    quaternions,
-    opacity_logits,
-    sh_dc,
-    sh_rest,
-    rest,
-    filter_3d,
-    blur,
-    tails,
-    degree,
-    geometry,
-    view,
-    records,
-    gradients,
-    width,
-    offsets,
-    places,
-    first,
-    stop,
-    outputs,
-):
+def backward_blocks(inputs, rest, tails, degree, geometry, view, records, intersections, first, stop, outputs):
     """Compute the gradients of the blocks first … stop - 1."""
-    n = opacity_logits.size
-    d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, d_blur, d_radius, grad_2d, abs_grad_2d = outputs
+    n = inputs[3].size
+    gradients, width, offsets, places = intersections
+    grad_2d, abs_grad_2d = outputs[8], outputs[9]
     sums = np.empty(LANES * SLOT, np.float32)
     mean_2d = np.empty(2 * LANES, np.float32)
     basis, pulls = np.empty(TERMS * LANES, np.float32), np.empty(TERMS * LANES, np.float32)
-    t_means, t_scales, t_quaternions = tail_of(d_means, n), tail_of(d_scales, n), tail_of(d_quaternions, n)
-    t_logits, t_dc, t_rest = tail_of(d_logits, n), tail_of(d_dc, n), tail_of(d_rest, n)
-    t_blur, t_radius = tail_of(d_blur, n), tail_of(d_radius, n)
+    last = tails_of(outputs[:9], n)
     for block in range(first, stop):
         i = block * LANES
         count = min(LANES, n - i)
         seen = met_lanes(offsets, i, count)
-        if seen == 0:
-            zero_block(outputs, n, i, count)
+        if seen == 0:  # no tile met them
+            for array in outputs:
+                zero_rows(array, n, i, count)
             continue
         for k in range(sums.size):
             sums[k] = ZERO
@@ -123,56 +85,16 @@ def backward_blocks(
         for k in range(np.int64(offsets[i + count]), np.int64(offsets[min(i + 2 * LANES, n)])):
             prefetch(gradients, np.int64(places[k]) * width)
         for lane in range(count):
-            reduce_places(
-                gradients, width, places, np.int64(offsets[i + lane]), np.int64(offsets[i + lane + 1]), sums, lane
-            )
+            begin, end = np.int64(offsets[i + lane]), np.int64(offsets[i + lane + 1])
+            reduce_places(gradients, width, places, begin, end, sums, lane)
         # One call with chosen arguments: a second call would be a second copy to compile.
-        if count == LANES:
-            place, a, b, c, d, e, f, g = i, means, log_scales, quaternions, opacity_logits, sh_rest, filter_3d, blur
-            o_a, o_b, o_c, o_d, o_e, o_f, o_g = d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, d_blur
-            o_h = d_radius
-        else:
-            place, (a, b, c, d, _, e, f, g, _) = 0, tails
-            o_a, o_b, o_c, o_d, o_e, o_f, o_g = t_means, t_scales, t_quaternions, t_logits, t_dc, t_rest, t_blur
-            o_h = t_radius
+        place, eight, found = (i, inputs, outputs[:9]) if count == LANES else (0, tails, last)
         backward_block(
-            a,
-            b,
-            c,
-            d,
-            e,
-            rest,
-            f,
-            g,
-            degree,
-            geometry,
-            view,
-            place,
-            records,
-            i,
-            seen,
-            sums,
-            o_a,
-            o_b,
-            o_c,
-            o_d,
-            o_e,
-            o_f,
-            o_g,
-            o_h,
-            mean_2d,
-            basis,
-            pulls,
-        )
+            eight, rest, degree, geometry, view, place, records, i, seen, sums, found, mean_2d, basis, pulls
+        )  # fmt: skip
         if count < LANES:
-            put_tail(d_means, n, t_means)
-            put_tail(d_scales, n, t_scales)
-            put_tail(d_quaternions, n, t_quaternions)
-            put_tail(d_logits, n, t_logits)
-            put_tail(d_dc, n, t_dc)
-            put_tail(d_rest, n, t_rest)
-            put_tail(d_blur, n, t_blur)
-            put_tail(d_radius, n, t_radius)
+            for k in range(8):
+                put_tail(outputs[k], n, last[k])
         if grad_2d.size > 0:
             for lane in range(count):
                 met = (seen >> lane) & 1 != 0
@@ -186,58 +108,17 @@ def backward_blocks(
 
 @cached
 @njit(parallel=True, error_model="numpy")
-def project_backward(
-    means,
-    log_scales,
-    quaternions,
-    opacity_logits,
-    sh_dc,
-    sh_rest,
-    rest,
-    filter_3d,
-    blur,
-    degree,
-    geometry,
-    view,
-    records,
-    gradients,
-    width,
-    offsets,
-    places,
-    outputs,
-):
-    """Reduce the intersections' gradients (`width` floats each) to Gaussians and on to the parameters.
+def project_backward(inputs, rest, degree, geometry, view, records, intersections, outputs):
+    """Reduce the intersections' gradients to Gaussians and on to the parameters.
 
-    outputs: the gradients of the six inputs, of blur and of the radius by which lens points move a Gaussian, grad_2d
-    and abs_grad_2d, all flat; that of blur is empty if blur is empty; the last three may be empty. For the radius's,
-    the intersections hold S_POINT_XX … instead of sums of depth (cpu_layout).
+    inputs: as in `project`, margin empty. intersections: gradients, how many floats each has, and offsets and places of
+    `fill_tiles`. outputs: the gradients of the six parameters, of blur and of the radius by which lens points move a
+    Gaussian, grad_2d and abs_grad_2d, all flat; that of blur is empty if blur is empty; the last three may be empty.
+    For the radius's, the intersections hold S_POINT_XX … instead of sums of depth (cpu_layout).
     """
-    blocks = (opacity_logits.size + LANES - 1) // LANES
+    blocks = (inputs[3].size + LANES - 1) // LANES
     chunks = min(blocks, CHUNKS)
-    tails = tails_of(
-        means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur, np.empty(0, np.float32)
-    )
+    tails = tails_of(inputs, inputs[3].size)
     for chunk in prange(chunks):
-        backward_blocks(
-            means,
-            log_scales,
-            quaternions,
-            opacity_logits,
-            sh_dc,
-            sh_rest,
-            rest,
-            filter_3d,
-            blur,
-            tails,
-            degree,
-            geometry,
-            view,
-            records,
-            gradients,
-            width,
-            offsets,
-            places,
-            chunk * blocks // chunks,
-            (chunk + 1) * blocks // chunks,
-            outputs,
-        )
+        first, stop = chunk * blocks // chunks, (chunk + 1) * blocks // chunks
+        backward_blocks(inputs, rest, tails, degree, geometry, view, records, intersections, first, stop, outputs)

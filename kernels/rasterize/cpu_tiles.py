@@ -71,23 +71,9 @@ def clear_tile(scratch, left, top, view):
 
 
 @njit(error_model="numpy")
-def write_tile(
-    features,
-    scratch,
-    left,
-    top,
-    view,
-    background,
-    color,
-    alpha,
-    depth,
-    median,
-    median_at,
-    normal,
-    distortion,
-    mean_inverse,
-):
+def write_tile(features, scratch, left, top, view, background, images):
     """Write the images (flat) from the sums of the forward pass."""
+    color, alpha, depth, median, median_at, normal, distortion, mean_inverse = images
     width, height = np.int64(view[layout.WIDTH]), np.int64(view[layout.HEIGHT])
     count = width - left
     for row in range(min(layout.TILE_HEIGHT, height - top)):
@@ -119,26 +105,7 @@ def write_tile(
 
 
 @njit(error_model="numpy")
-def read_tile(
-    features,
-    scratch,
-    left,
-    top,
-    view,
-    color,
-    alpha,
-    depth,
-    normal,
-    median_at,
-    distortion,
-    mean_inverse,
-    g_color,
-    g_alpha,
-    g_depth,
-    g_median,
-    g_normal,
-    g_distortion,
-):
+def read_tile(features, scratch, left, top, view, images, by_images):
     """Fill the planes of the backward pass from flat images. An empty gradient means that the output isn't used by the
     loss.
 
@@ -148,6 +115,8 @@ def read_tile(
     degree in the weights, so its part is twice itself; its s is g A (m - mean)**2 + g D / A, of which the
     second term is the same for every Gaussian and goes into g_alpha'.
     """
+    color, alpha, depth, _, median_at, normal, distortion, mean_inverse = images
+    g_color, g_alpha, g_depth, g_median, g_normal, g_distortion = by_images
     clear_tile(scratch, left, top, view)
     width, height = np.int64(view[layout.WIDTH]), np.int64(view[layout.HEIGHT])
     count = width - left

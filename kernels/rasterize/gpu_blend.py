@@ -5,42 +5,7 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from .gpu_layout import (
-    CHUNK,
-    CX,
-    CY,
-    FX,
-    FY,
-    K_DEPTHS,
-    K_FIRST,
-    K_LEFT,
-    K_NX,
-    K_ORIGIN,
-    K_RED,
-    K_SECOND,
-    K_WEIGHTS,
-    L11,
-    L21,
-    L22,
-    LANES,
-    LIMIT,
-    LOG2_OPACITY,
-    MAX_ALPHA,
-    MIN_TRANSMITTANCE,
-    MX,
-    MY,
-    NEAR,
-    NX,
-    PIXELS,
-    POINTS,
-    RECORD,
-    RED,
-    STRIPS,
-    T0,
-    TILE,
-    TX,
-    TY,
-)
+from . import gpu_layout as layout
 
 # After so many Gaussians it is tested whether the whole tile is opaque; a divisor of CHUNK.
 _TEST_EVERY = tl.constexpr(16)
@@ -49,22 +14,22 @@ _AT_ONCE = tl.constexpr(4)
 
 @triton.jit
 def pixels_of(tile, width, height):
-    """The tile's pixels: column (1, 32), row (8, 32), whether they lie in the image, and index in the picture."""
-    columns = (width + TILE - 1) // TILE
-    lane, strip = tl.arange(0, LANES)[None, :], tl.arange(0, STRIPS)[:, None]
-    column = tile % columns * TILE + lane % TILE
-    row = tile // columns * TILE + (LANES // TILE) * strip + lane // TILE
+    """The tile's pixels: column (1, 32), row (8, 32), whether they lie in the image, and index in the image."""
+    columns = (width + layout.TILE - 1) // layout.TILE
+    lane, strip = tl.arange(0, layout.LANES)[None, :], tl.arange(0, layout.STRIPS)[:, None]
+    column = tile % columns * layout.TILE + lane % layout.TILE
+    row = tile // columns * layout.TILE + (layout.LANES // layout.TILE) * strip + lane // layout.TILE
     return column, row, (column < width) & (row < height), row * width + column
 
 
 @triton.jit
 def mean_of(record, radius, view, i, number, MOVED: tl.constexpr):
-    """The Gaussian's mean in a picture, pixels."""
-    mx, my = tl.load(record + MX), tl.load(record + MY)
+    """The Gaussian's mean in a image, pixels."""
+    mx, my = tl.load(record + layout.MX), tl.load(record + layout.MY)
     if MOVED:
         shift = tl.load(radius + i)
-        mx = tl.fma(shift, tl.load(view + POINTS + 2 * number), mx)
-        my = tl.fma(shift, tl.load(view + POINTS + 2 * number + 1), my)
+        mx = tl.fma(shift, tl.load(view + layout.POINTS + 2 * number), mx)
+        my = tl.fma(shift, tl.load(view + layout.POINTS + 2 * number + 1), my)
     return mx, my
 
 
@@ -74,22 +39,24 @@ def exponent_at(record, dx, dy):
 
     Fused by hand: forward and backward pass must agree to the last bit on where a Gaussian counts.
     """
-    e = tl.load(record + L22) * dy
-    d = tl.fma(dy, tl.load(record + L21), tl.load(record + L11) * dx)
-    return tl.fma(-d, d, tl.fma(-e, e, tl.load(record + LOG2_OPACITY))), d, e
+    e = tl.load(record + layout.L22) * dy
+    d = tl.fma(dy, tl.load(record + layout.L21), tl.load(record + layout.L11) * dx)
+    return tl.fma(-d, d, tl.fma(-e, e, tl.load(record + layout.LOG2_OPACITY))), d, e
 
 
 @triton.jit
 def ray_length_at(record, dx, dy):
     """Ray length at pixel - mean, on the Gaussian's plane of largest density."""
-    return tl.fma(-dy, tl.load(record + TY), tl.fma(-dx, tl.load(record + TX), tl.load(record + T0)))
+    return tl.fma(
+        -dy, tl.load(record + layout.TY), tl.fma(-dx, tl.load(record + layout.TX), tl.load(record + layout.T0))
+    )
 
 
 @triton.jit
 def cosine_of(view, column, row):
     """Cosine between the optical axis and a pixel's ray: z-depth over ray length."""
-    u = (column.to(tl.float32) + 0.5 - tl.load(view + CX)) / tl.load(view + FX)
-    v = (row.to(tl.float32) + 0.5 - tl.load(view + CY)) / tl.load(view + FY)
+    u = (column.to(tl.float32) + 0.5 - tl.load(view + layout.CX)) / tl.load(view + layout.FX)
+    v = (row.to(tl.float32) + 0.5 - tl.load(view + layout.CY)) / tl.load(view + layout.FY)
     return 1.0 / tl.sqrt(u * u + (v * v + 1.0))
 
 
@@ -98,40 +65,21 @@ def first_chunk(begin, place):
     """The first chunk of a tile's list, which begins at `begin`: those of all tiles lie behind each other, and no tile
     has to know how many chunks the others have. Their number is at most that of the intersections over CHUNK, and one
     for each tile."""
-    return begin // CHUNK + place
+    return begin // layout.CHUNK + place
 
 
 @triton.jit
 def pixels_within():
     """Each of a tile's pixels by its number in the tile, (8, 32)."""
-    return tl.arange(0, STRIPS)[:, None] * LANES + tl.arange(0, LANES)[None, :]
+    return tl.arange(0, layout.STRIPS)[:, None] * layout.LANES + tl.arange(0, layout.LANES)[None, :]
 
 
 @triton.jit
 def blend(
-    records,
-    radius,
-    view,
-    background,
-    starts,
-    ids,
-    color,
-    alpha,
-    depth,
-    median,
-    median_at,
-    normal,
-    distortion,
-    mean_inverse,
-    looked_at,
-    kept,
-    width,
-    height,
-    tiles,
-    GEOMETRY: tl.constexpr,
-    MOVED: tl.constexpr,
-    EACH: tl.constexpr,
-):
+    records, radius, view, background, starts, ids, color, alpha, depth, median, median_at, normal, distortion,
+    mean_inverse, looked_at, kept, width, height, tiles,
+    GEOMETRY: tl.constexpr, MOVED: tl.constexpr, EACH: tl.constexpr,
+):  # fmt: skip
     """Composite every tile, writing the images and how many Gaussians each tile processed.
 
     kept: (chunks, EACH, 256), the sums before each chunk; where EACH is 0 none are kept, as no gradient is wanted.
@@ -144,56 +92,56 @@ def blend(
     number = place // tiles
     column, row, inside, at = pixels_of(place - number * tiles, width, height)
     x, y = column.to(tl.float32) + 0.5, row.to(tl.float32) + 0.5
-    near = tl.load(view + NEAR)
+    near = tl.load(view + layout.NEAR)
     begin, end = tl.load(starts + place), tl.load(starts + place + 1)
 
-    zero = tl.zeros((STRIPS, LANES), tl.float32)
+    zero = tl.zeros((layout.STRIPS, layout.LANES), tl.float32)
     left = tl.where(inside, 1.0, zero)
     red, green, blue, weights, depths, medians = zero, zero, zero, zero, zero, zero
-    medians_at = tl.zeros((STRIPS, LANES), tl.int32)
+    medians_at = tl.zeros((layout.STRIPS, layout.LANES), tl.int32)
     nx, ny, nz, origin, first_moment, second_moment = zero, zero, zero, zero, zero, zero
     k = begin
     while k < end:
         if EACH > 0:  # noqa: SIM102  # known when it is compiled
-            if (k - begin) % CHUNK == 0:
-                chunk = first_chunk(begin, place) + (k - begin) // CHUNK
-                state = kept + chunk.to(tl.int64) * EACH * PIXELS + pixels_within()
-                tl.store(state + K_LEFT * PIXELS, left)
-                tl.store(state + K_RED * PIXELS, red)
-                tl.store(state + (K_RED + 1) * PIXELS, green)
-                tl.store(state + (K_RED + 2) * PIXELS, blue)
+            if (k - begin) % layout.CHUNK == 0:
+                chunk = first_chunk(begin, place) + (k - begin) // layout.CHUNK
+                state = kept + chunk.to(tl.int64) * EACH * layout.PIXELS + pixels_within()
+                tl.store(state + layout.K_LEFT * layout.PIXELS, left)
+                tl.store(state + layout.K_RED * layout.PIXELS, red)
+                tl.store(state + (layout.K_RED + 1) * layout.PIXELS, green)
+                tl.store(state + (layout.K_RED + 2) * layout.PIXELS, blue)
                 if GEOMETRY > 0:
-                    tl.store(state + K_WEIGHTS * PIXELS, weights)
-                    tl.store(state + K_DEPTHS * PIXELS, depths)
+                    tl.store(state + layout.K_WEIGHTS * layout.PIXELS, weights)
+                    tl.store(state + layout.K_DEPTHS * layout.PIXELS, depths)
                     if GEOMETRY > 1:
-                        tl.store(state + K_NX * PIXELS, nx)
-                        tl.store(state + (K_NX + 1) * PIXELS, ny)
-                        tl.store(state + (K_NX + 2) * PIXELS, nz)
+                        tl.store(state + layout.K_NX * layout.PIXELS, nx)
+                        tl.store(state + (layout.K_NX + 1) * layout.PIXELS, ny)
+                        tl.store(state + (layout.K_NX + 2) * layout.PIXELS, nz)
                         if GEOMETRY > 2:
-                            tl.store(state + K_ORIGIN * PIXELS, origin)
-                            tl.store(state + K_FIRST * PIXELS, first_moment)
-                            tl.store(state + K_SECOND * PIXELS, second_moment)
+                            tl.store(state + layout.K_ORIGIN * layout.PIXELS, origin)
+                            tl.store(state + layout.K_FIRST * layout.PIXELS, first_moment)
+                            tl.store(state + layout.K_SECOND * layout.PIXELS, second_moment)
         stop = tl.minimum(k + _TEST_EVERY, end)
         # Unrolled, so that several Gaussians are asked for at once: a tile's time is mostly waiting for them.
         for j in tl.range(k, stop, loop_unroll_factor=_AT_ONCE):
             i = tl.load(ids + j)
-            record = records + i * RECORD
+            record = records + i * layout.RECORD
             mx, my = mean_of(record, radius, view, i, number, MOVED)
             dx, dy = x - mx, y - my
             exponent, _, _ = exponent_at(record, dx, dy)
-            taken = (exponent >= tl.load(record + LIMIT)) & (left >= MIN_TRANSMITTANCE)
-            share = tl.where(taken, tl.minimum(tl.exp2(exponent), MAX_ALPHA), 0.0)
+            taken = (exponent >= tl.load(record + layout.LIMIT)) & (left >= layout.MIN_TRANSMITTANCE)
+            share = tl.where(taken, tl.minimum(tl.exp2(exponent), layout.MAX_ALPHA), 0.0)
             weight = share * left
-            red += weight * tl.load(record + RED)
-            green += weight * tl.load(record + RED + 1)
-            blue += weight * tl.load(record + RED + 2)
+            red += weight * tl.load(record + layout.RED)
+            green += weight * tl.load(record + layout.RED + 1)
+            blue += weight * tl.load(record + layout.RED + 2)
             if GEOMETRY > 0:
                 t = tl.maximum(ray_length_at(record, dx, dy), near)
                 depths += weight * t
                 if GEOMETRY > 1:
-                    nx += weight * tl.load(record + NX)
-                    ny += weight * tl.load(record + NX + 1)
-                    nz += weight * tl.load(record + NX + 2)
+                    nx += weight * tl.load(record + layout.NX)
+                    ny += weight * tl.load(record + layout.NX + 1)
+                    nz += weight * tl.load(record + layout.NX + 2)
                     upper = taken & (left > 0.5)
                     medians = tl.where(upper, t, medians)
                     medians_at = tl.where(upper, j - begin + 1, medians_at)
@@ -209,7 +157,7 @@ def blend(
                 weights += weight
             left = tl.fma(-share, left, left)
         k = stop
-        end = tl.where(tl.max(tl.max(left, 1), 0) < MIN_TRANSMITTANCE, k, end)
+        end = tl.where(tl.max(tl.max(left, 1), 0) < layout.MIN_TRANSMITTANCE, k, end)
     tl.store(looked_at + place, k - begin)
 
     at = number.to(tl.int64) * width * height + at

@@ -1,6 +1,6 @@
 """Triton kernels of colour from spherical harmonics, 3DGS' real basis and its signs; one thread for each Gaussian.
 
-They are kernels of their own because most Gaussians of a scene are beside the image, and colour is most of what is
+They are kernels of their own because most Gaussians of a scene are outside the image, and colour is most of what is
 known about one: only those that are visible are read.
 """
 
@@ -9,8 +9,8 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
+from . import gpu_layout as layout
 from .gpu_footprint import dot3, finite, load3, store3
-from .gpu_layout import BAD, CENTRE, RECORD, RED, S_RED
 
 _C0, _C1 = tl.constexpr(0.28209479177387814), tl.constexpr(0.4886025119029199)
 _C2A, _C2B, _C2C = tl.constexpr(1.0925484305920792), tl.constexpr(0.31539156525252005), tl.constexpr(0.5462742152960396)
@@ -23,7 +23,7 @@ _C3E = tl.constexpr(1.445305721320277)
 def direction_of(means, view, i, mask):
     """The unit direction from the camera to the Gaussian, and 1 / distance."""
     px, py, pz = load3(means, 3 * i, mask)
-    eye = view + CENTRE
+    eye = view + layout.CENTRE
     px, py, pz = px - tl.load(eye), py - tl.load(eye + 1), pz - tl.load(eye + 2)
     inverse = 1.0 / tl.sqrt(tl.where(mask, dot3(px, py, pz, px, py, pz), 1.0))
     return px * inverse, py * inverse, pz * inverse, inverse
@@ -34,39 +34,18 @@ def harmonics(x, y, z):
     """The basis functions of degrees 1 to 3 in a unit direction."""
     xx, yy, zz = x * x, y * y, z * z
     return (
-        y * -_C1,
-        z * _C1,
-        x * -_C1,
-        x * y * _C2A,
-        y * z * -_C2A,
-        (2.0 * zz - xx - yy) * _C2B,
-        x * z * -_C2A,
-        (xx - yy) * _C2C,
-        y * (3.0 * xx - yy) * -_C3A,
-        x * y * z * _C3B,
-        y * (4.0 * zz - xx - yy) * -_C3C,
-        z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * _C3D,
-        x * (4.0 * zz - xx - yy) * -_C3C,
-        z * (xx - yy) * _C3E,
+        y * -_C1, z * _C1, x * -_C1, x * y * _C2A, y * z * -_C2A, (2.0 * zz - xx - yy) * _C2B, x * z * -_C2A,
+        (xx - yy) * _C2C, y * (3.0 * xx - yy) * -_C3A, x * y * z * _C3B, y * (4.0 * zz - xx - yy) * -_C3C,
+        z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * _C3D, x * (4.0 * zz - xx - yy) * -_C3C, z * (xx - yy) * _C3E,
         x * (xx - 3.0 * yy) * -_C3A,
-    )
+    )  # fmt: skip
 
 
 @triton.jit(do_not_specialize=["n"])
 def color(
-    means,
-    sh_dc,
-    sh_rest,
-    view,
-    visible,
-    records,
-    counts,
-    n,
-    views,
-    REST: tl.constexpr,
-    TERMS: tl.constexpr,
-    BLOCK: tl.constexpr,
-):
+    means, sh_dc, sh_rest, view, visible, records, counts, n, views,
+    REST: tl.constexpr, TERMS: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
     """Write the visible Gaussians' colours to their records: 1/2 + the series, clamped at 0 from below.
 
     REST: coefficients beyond the first that each Gaussian has; TERMS: how many of them are used.
@@ -83,8 +62,15 @@ def color(
             r, g, b = load3(sh_rest, row + 3 * k, seen)
             red, green, blue = red + basis[k] * r, green + basis[k] * g, blue + basis[k] * b
     bad = seen & ((finite(red) & finite(green) & finite(blue)) == 0)
-    tl.store(counts + i * views, tl.zeros((BLOCK,), tl.int32) + BAD, mask=bad)
-    store3(records, i * RECORD + RED, tl.maximum(red, 0.0), tl.maximum(green, 0.0), tl.maximum(blue, 0.0), seen)
+    tl.store(counts + i * views, tl.zeros((BLOCK,), tl.int32) + layout.BAD, mask=bad)
+    store3(
+        records,
+        i * layout.RECORD + layout.RED,
+        tl.maximum(red, 0.0),
+        tl.maximum(green, 0.0),
+        tl.maximum(blue, 0.0),
+        seen,
+    )
 
 
 @triton.jit
@@ -111,21 +97,9 @@ def direction_gradient(f, x, y, z, TERMS: tl.constexpr):
 
 @triton.jit(do_not_specialize=["n"])
 def color_backward(
-    means,
-    sh_rest,
-    view,
-    visible,
-    records,
-    sums,
-    d_means,
-    d_dc,
-    d_rest,
-    n,
-    SLOT: tl.constexpr,
-    REST: tl.constexpr,
-    TERMS: tl.constexpr,
-    BLOCK: tl.constexpr,
-):
+    means, sh_rest, view, visible, records, sums, d_means, d_dc, d_rest, n,
+    SLOT: tl.constexpr, REST: tl.constexpr, TERMS: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
     """Write the coefficients' gradients from dL/d(colour), and add to the means' what comes by the direction.
 
     d_rest is zero before where TERMS < REST, and written for all Gaussians otherwise.
@@ -134,8 +108,8 @@ def color_backward(
     inside = i < n
     seen = tl.load(visible + i, mask=inside, other=0) != 0
     # A colour channel that was clamped at 0 passes no gradient on.
-    red, green, blue = load3(records, i * RECORD + RED, seen)
-    to_red, to_green, to_blue = load3(sums, i.to(tl.int64) * SLOT + S_RED, seen)
+    red, green, blue = load3(records, i * layout.RECORD + layout.RED, seen)
+    to_red, to_green, to_blue = load3(sums, i.to(tl.int64) * SLOT + layout.S_RED, seen)
     red = tl.where(red > 0.0, to_red, 0.0)
     green = tl.where(green > 0.0, to_green, 0.0)
     blue = tl.where(blue > 0.0, to_blue, 0.0)
@@ -154,10 +128,6 @@ def color_backward(
         along = dot3(x, y, z, gx, gy, gz)
         before_x, before_y, before_z = load3(d_means, 3 * i, seen)
         store3(
-            d_means,
-            3 * i,
-            before_x + (gx - x * along) * inverse,
-            before_y + (gy - y * along) * inverse,
-            before_z + (gz - z * along) * inverse,
-            seen,
-        )
+            d_means, 3 * i, before_x + (gx - x * along) * inverse, before_y + (gy - y * along) * inverse,
+            before_z + (gz - z * along) * inverse, seen,
+        )  # fmt: skip

@@ -8,7 +8,7 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from .gpu_layout import FX, FY, ROTATION, TRANSLATION
+from . import gpu_layout as layout
 
 
 @triton.jit
@@ -25,7 +25,7 @@ def finite(x):
 
 @triton.jit
 def load3(array, at, mask):
-    """Three numbers beside each other, zero where masked."""
+    """Three numbers next to each other, zero where masked."""
     return (
         tl.load(array + at, mask=mask, other=0.0),
         tl.load(array + at + 1, mask=mask, other=0.0),
@@ -35,7 +35,7 @@ def load3(array, at, mask):
 
 @triton.jit
 def store3(array, at, x, y, z, mask):
-    """Write three numbers beside each other."""
+    """Write three numbers next to each other."""
     tl.store(array + at, x, mask=mask)
     tl.store(array + at + 1, y, mask=mask)
     tl.store(array + at + 2, z, mask=mask)
@@ -44,7 +44,7 @@ def store3(array, at, x, y, z, mask):
 @triton.jit
 def turned(view, x, y, z):
     """A vector of the world in the camera's axes."""
-    r = view + ROTATION
+    r = view + layout.ROTATION
     return (
         dot3(tl.load(r), tl.load(r + 1), tl.load(r + 2), x, y, z),
         dot3(tl.load(r + 3), tl.load(r + 4), tl.load(r + 5), x, y, z),
@@ -55,7 +55,7 @@ def turned(view, x, y, z):
 @triton.jit
 def turned_back(view, x, y, z):
     """A vector of the camera in the world's axes."""
-    r = view + ROTATION
+    r = view + layout.ROTATION
     return (
         dot3(tl.load(r), tl.load(r + 3), tl.load(r + 6), x, y, z),
         dot3(tl.load(r + 1), tl.load(r + 4), tl.load(r + 7), x, y, z),
@@ -66,8 +66,8 @@ def turned_back(view, x, y, z):
 @triton.jit
 def to_camera(view, x, y, z):
     """World position to camera position."""
-    r = view + ROTATION
-    t = view + TRANSLATION
+    r = view + layout.ROTATION
+    t = view + layout.TRANSLATION
     return (
         tl.load(r) * x + (tl.load(r + 1) * y + (tl.load(r + 2) * z + tl.load(t))),
         tl.load(r + 3) * x + (tl.load(r + 4) * y + (tl.load(r + 5) * z + tl.load(t + 1))),
@@ -129,7 +129,7 @@ def ratio(a, b):
 @triton.jit
 def factors_of(view, iz, e0, e1, e2):
     """The Jacobian's diagonal times the filtered scales: (k0x, k1x, k2x, k0y, k1y, k2y)."""
-    kx, ky = tl.load(view + FX) * iz, tl.load(view + FY) * iz
+    kx, ky = tl.load(view + layout.FX) * iz, tl.load(view + layout.FY) * iz
     return kx * e0, kx * e1, kx * e2, ky * e0, ky * e1, ky * e2
 
 
@@ -137,13 +137,9 @@ def factors_of(view, iz, e0, e1, e2):
 def columns_of(k0x, k1x, k2x, k0y, k1y, k2y, m0x, m0y, m0z, m1x, m1y, m1z, m2x, m2y, m2z, cu, cv):
     """The columns of the factor A = J M diag(e) of the footprint's covariance A A^T: (a0x, a0y, a1x, …)."""
     return (
-        k0x * (m0x - cu * m0z),
-        k0y * (m0y - cv * m0z),
-        k1x * (m1x - cu * m1z),
-        k1y * (m1y - cv * m1z),
-        k2x * (m2x - cu * m2z),
-        k2y * (m2y - cv * m2z),
-    )
+        k0x * (m0x - cu * m0z), k0y * (m0y - cv * m0z), k1x * (m1x - cu * m1z), k1y * (m1y - cv * m1z),
+        k2x * (m2x - cu * m2z), k2y * (m2y - cv * m2z),
+    )  # fmt: skip
 
 
 @triton.jit
@@ -152,14 +148,9 @@ def covariance_of(a0x, a0y, a1x, a1y, a2x, a2y):
     covariance's determinant without cancellation."""
     n01, n02, n12 = minor(a0x, a0y, a1x, a1y), minor(a0x, a0y, a2x, a2y), minor(a1x, a1y, a2x, a2y)
     return (
-        dot3(a0x, a1x, a2x, a0x, a1x, a2x),
-        dot3(a0x, a1x, a2x, a0y, a1y, a2y),
-        dot3(a0y, a1y, a2y, a0y, a1y, a2y),
-        n01,
-        n02,
-        n12,
-        dot3(n01, n02, n12, n01, n02, n12),
-    )
+        dot3(a0x, a1x, a2x, a0x, a1x, a2x), dot3(a0x, a1x, a2x, a0y, a1y, a2y), dot3(a0y, a1y, a2y, a0y, a1y, a2y), n01,
+        n02, n12, dot3(n01, n02, n12, n01, n02, n12),
+    )  # fmt: skip
 
 
 @triton.jit

@@ -36,23 +36,16 @@ def slot_of(level: int, moved: bool, absolute: bool) -> Slot:
 
 
 def gradients(
-    settings: Settings,
-    statistics: ViewStatistics | None,
-    lists: Lists,
-    parameters: tuple[Tensor, ...],
-    blur: Tensor | None,
-    radius: Tensor | None,
-    outputs: Sequence[Tensor | None],
-    blended: tuple[Tensor | None, ...],
-    by_outputs: Sequence[Tensor | None],
-    levels: Sequence[int],
-) -> list[Tensor | None]:
-    """The gradients by blur and radius, None where there is none, and by the six parameters; fills in `statistics`.
+    settings: Settings, statistics: ViewStatistics | None, lists: Lists, parameters: tuple[Tensor, ...],
+    blur: Tensor | None, radius: Tensor | None, outputs: Sequence[Tensor | None], blended: tuple[Tensor | None, ...],
+    by_outputs: Sequence[Tensor | None], levels: Sequence[int],
+) -> list[Tensor | None]:  # fmt: skip
+    """The gradients with respect to blur and radius, None where there is none, and by the six parameters; fills in
+    `statistics`.
 
-    outputs: what blending drew. by_outputs: the gradients by them, None where the loss uses none. levels: of geometry
-    that they belong to. blended: what blending kept beside them, see `gpu_blend.blend`.
-    """
-    view, nothing = settings.view, settings.view
+    outputs: what blending drew. by_outputs: the gradients with respect to them, None where the loss uses none. levels:
+    of geometry that they belong to. blended: what blending kept besides, see `gpu_blend.blend`."""
+    view = settings.view
     n = parameters[0].shape[0]
     used = sum(1 << k for k, gradient in enumerate(by_outputs) if gradient is not None)
     # Gradients are computed only for the outputs that the loss uses.
@@ -63,20 +56,10 @@ def gradients(
     _blend_backward(settings, lists, radius, outputs, blended, by_outputs, used, level, want_abs, slot, contributions)
     sums = view.new_empty(n, slot.length)
     launch(
-        kernels("rasterize.gpu_sums").sum_slots,
-        (-(-n // _SUMMED),),
-        contributions,
-        lists.order,
-        lists.ends,
-        sums,
-        n,
-        settings.views,
-        warps=_SUMMED,
-        SLOT=slot.length,
-        COLUMNS=16 if slot.length <= 16 else 32,
-        GAUSSIANS=_SUMMED,
-        ROWS=_ROWS,
-    )
+        kernels("rasterize.gpu_project_backward").sum_slots, (-(-n // _SUMMED),), contributions, lists.order,
+        lists.ends, sums, n, settings.views, warps=_SUMMED,
+        SLOT=slot.length, COLUMNS=16 if slot.length <= 16 else 32, GAUSSIANS=_SUMMED, ROWS=_ROWS,
+    )  # fmt: skip
     by_means, by_scales, by_quaternions, by_logits, by_dc = (torch.empty_like(each) for each in parameters[:5])
     terms = (settings.degree + 1) ** 2 - 1
     sh_rest = parameters[5]
@@ -86,50 +69,18 @@ def gradients(
     grad_2d = None if statistics is None else view.new_empty(n, 2)
     grid = (-(-n // _GAUSSIANS),)
     launch(
-        kernels("rasterize.gpu_project_backward").project_backward,
-        grid,
-        *parameters[:4],
-        nothing if settings.filter_3d is None else settings.filter_3d,
-        nothing if blur is None else blur,
-        view,
-        lists.visible,
-        sums,
-        by_means,
-        by_scales,
-        by_quaternions,
-        by_logits,
-        nothing if by_blur is None else by_blur,
-        nothing if by_radius is None else by_radius,
-        nothing if grad_2d is None else grad_2d,
-        n,
-        LEVEL=level,
-        FADES=settings.fades,
-        FILTERED=settings.filter_3d is not None,
-        BLURRED=blur is not None,
-        MOVED=settings.moved,
-        STATISTICS=statistics is not None,
-        S_NORMAL=slot.normal,
-        SLOT=slot.length,
+        kernels("rasterize.gpu_project_backward").project_backward, grid, *parameters[:4],
+        *settings.given(settings.filter_3d, blur), view, lists.visible, sums,
+        by_means, by_scales, by_quaternions, by_logits, *settings.given(by_blur, by_radius, grad_2d), n,
+        LEVEL=level, FADES=settings.fades, FILTERED=settings.filter_3d is not None, BLURRED=blur is not None,
+        MOVED=settings.moved, STATISTICS=statistics is not None, S_NORMAL=slot.normal, SLOT=slot.length,
         BLOCK=_GAUSSIANS,
-    )
+    )  # fmt: skip
     launch(
-        kernels("rasterize.gpu_color").color_backward,
-        grid,
-        parameters[0],
-        sh_rest,
-        view,
-        lists.visible,
-        lists.records,
-        sums,
-        by_means,
-        by_dc,
-        by_rest,
-        n,
-        SLOT=slot.length,
-        REST=sh_rest.shape[1],
-        TERMS=terms,
-        BLOCK=_GAUSSIANS,
-    )
+        kernels("rasterize.gpu_color").color_backward, grid, parameters[0], sh_rest, view, lists.visible,
+        lists.records, sums, by_means, by_dc, by_rest, n,
+        SLOT=slot.length, REST=sh_rest.shape[1], TERMS=terms, BLOCK=_GAUSSIANS,
+    )  # fmt: skip
     if statistics is not None:
         statistics.grad_2d = grad_2d
         if want_abs:
@@ -138,52 +89,23 @@ def gradients(
 
 
 def _blend_backward(
-    settings: Settings,
-    lists: Lists,
-    radius: Tensor | None,
-    outputs: Sequence[Tensor | None],
-    blended: tuple[Tensor | None, ...],
-    by_outputs: Sequence[Tensor | None],
-    used: int,
-    level: int,
-    want_abs: bool,
-    slot: Slot,
-    contributions: Tensor,
-) -> None:
+    settings: Settings, lists: Lists, radius: Tensor | None, outputs: Sequence[Tensor | None],
+    blended: tuple[Tensor | None, ...], by_outputs: Sequence[Tensor | None], used: int, level: int, want_abs: bool,
+    slot: Slot, contributions: Tensor,
+) -> None:  # fmt: skip
     """Write every intersection's contribution."""
-    nothing = settings.view
     color, alpha, depth, _, normal, distortion = outputs
     looked_at, kept, median_at, mean_inverse = blended
     assert kept is not None
     images = (color, alpha, depth, median_at, normal, distortion, mean_inverse)
     tiles = settings.columns * settings.rows
+    gradients = (None if each is None else each.contiguous() for each in by_outputs)
+    # All pixels of a tile in one warp: sums over them need no memory that warps share, nor do warps wait.
     launch(
-        kernels("rasterize.gpu_blend_backward").blend_backward,
-        (kept.shape[0],),
-        lists.records,
-        nothing if radius is None else radius,
-        settings.view,
-        lists.starts,
-        lists.ids,
-        lists.slots,
-        looked_at,
-        kept,
-        *(nothing if each is None else each for each in images),
-        *(nothing if each is None else each.contiguous() for each in by_outputs),
-        contributions,
-        used,
-        settings.width,
-        settings.height,
-        tiles,
-        tiles * settings.views,
-        (tiles * settings.views).bit_length(),
-        # All pixels of a tile in one warp: sums over them need no memory that warps share, nor do warps wait.
-        warps=1,
-        EACH=kept.shape[1],
-        LEVEL=level,
-        MOVED=settings.moved,
-        ABSOLUTE=want_abs,
-        S_ABSOLUTE=slot.absolute,
-        S_NORMAL=slot.normal,
-        SLOT=slot.length,
-    )
+        kernels("rasterize.gpu_blend_backward").blend_backward, (kept.shape[0],), lists.records,
+        *settings.given(radius), settings.view, lists.starts, lists.ids, lists.slots, looked_at, kept,
+        *settings.given(*images), *settings.given(*gradients), contributions, used, settings.width, settings.height,
+        tiles, tiles * settings.views, (tiles * settings.views).bit_length(), warps=1,
+        EACH=kept.shape[1], LEVEL=level, MOVED=settings.moved, ABSOLUTE=want_abs, S_ABSOLUTE=slot.absolute,
+        S_NORMAL=slot.normal, SLOT=slot.length,
+    )  # fmt: skip

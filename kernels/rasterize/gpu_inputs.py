@@ -6,9 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.core.cameras import Camera
-
-from .reference_arguments import NAMES
+from .op import View
 
 TILE = 16  # pixels, width and height
 RECORD = 16  # floats that projection keeps of a Gaussian
@@ -27,68 +25,23 @@ class Settings:
     """The arguments that aren't differentiated, in the form that the kernels need.
 
     points: (P, 2) points of the lens, None for its centre alone. view: the numbers of the view and its points, on the
-    device. views: how many pictures are drawn. columns, rows: of tiles in a picture.
+    device. views: how many images are drawn. columns, rows: of tiles in an image.
     """
 
-    def __init__(
-        self,
-        camera: Camera,
-        degree: int,
-        filter_2d: float,
-        filter_2d_fades: bool,
-        near: float,
-        geometry: int,
-        filter_3d: Tensor | None,
-        background: Tensor | None,
-        points: np.ndarray | None,
-        device: torch.device,
-    ) -> None:
-        self.degree, self.geometry, self.fades = degree, geometry, bool(filter_2d_fades and filter_2d > 0)
-        self.width, self.height = camera.width, camera.height
-        self.columns, self.rows = -(-camera.width // TILE), -(-camera.height // TILE)
+    def __init__(self, view: View, points: np.ndarray | None, device: torch.device) -> None:
+        self.degree, self.geometry, self.fades, self.filter_3d = view.degree, view.geometry, view.fades, view.filter_3d
+        self.width, self.height = view.camera.width, view.camera.height
+        self.columns, self.rows = -(-self.width // TILE), -(-self.height // TILE)
         self.moved = points is not None
-        lens = np.zeros((1, 2), np.float32) if points is None else points
+        lens = np.zeros((1, 2), np.float32) if points is None else np.asarray(points, np.float32)
         self.views = len(lens)
-        margin_x, margin_y = 0.15 * camera.width, 0.15 * camera.height
-        view = np.zeros(POINTS + lens.size, np.float32)
-        view[ROTATION:TRANSLATION] = camera.world_to_camera[:3, :3].ravel()
-        view[TRANSLATION:CENTRE] = camera.world_to_camera[:3, 3]
-        view[CENTRE:FX] = camera.centre
-        view[FX : V_HIGH + 1] = (
-            camera.fx,
-            camera.fy,
-            camera.cx,
-            camera.cy,
-            camera.width,
-            camera.height,
-            near,
-            filter_2d,
-            (-camera.cx - margin_x) / camera.fx,
-            (camera.width - camera.cx + margin_x) / camera.fx,
-            (-camera.cy - margin_y) / camera.fy,
-            (camera.height - camera.cy + margin_y) / camera.fy,
-        )
-        view[POINTS:] = lens.ravel()
-        # The driver takes a copy of so few numbers at once, so that nobody waits for the GPU.
-        self.view = torch.from_numpy(view).to(device, non_blocking=True)
-        self.filter_3d = filter_3d
-        self.background = self.view[BLACK : BLACK + 3] if background is None else background
+        numbers = np.zeros(POINTS + lens.size, np.float32)
+        numbers[: V_HIGH + 1] = view.constants()
+        numbers[POINTS:] = lens.ravel()
+        # The driver takes a copy of so few numbers at once, so that the host doesn't wait for the GPU.
+        self.view = torch.from_numpy(numbers).to(device, non_blocking=True)
+        self.background = self.view[BLACK : BLACK + 3] if view.background is None else view.background
 
-
-def explain(
-    parameters: tuple[Tensor, ...], filter_3d: Tensor | None, blur: Tensor | None, radius: Tensor | None, index: int
-) -> Exception:
-    """The error that says why Gaussian `index` can't be drawn; waits for the GPU."""
-    if blur is not None and float(blur[index]) < 0:
-        return ValueError(f"blur: expected at least 0, found {float(blur[index])}")
-    named = dict(zip((*NAMES, "filter_3d", "blur", "radius"), (*parameters, filter_3d, blur, radius), strict=True))
-    for name, values in named.items():
-        if values is not None and not bool(torch.isfinite(values[index]).all()):
-            found = values[index].detach().flatten().tolist()
-            if values.ndim == 1 and name not in NAMES:
-                return FloatingPointError(f"{name}[{index}]: found {found[0]}, expected a finite number")
-            return FloatingPointError(f"{name}[{index}]: found {found}, expected finite numbers")
-    return FloatingPointError(
-        f"Gaussian {index}: its projection overflows float32; mean {parameters[0][index].tolist()}, "
-        f"log_scales {parameters[1][index].tolist()}"
-    )
+    def given(self, *tensors: Tensor | None) -> list[Tensor]:
+        """The tensors for a kernel that never reads those that are None."""
+        return [self.view if tensor is None else tensor for tensor in tensors]

@@ -7,7 +7,7 @@ import math
 import triton.language as tl
 
 from . import gpu_inputs as inputs
-from . import reference
+from . import op
 
 # Tiles are 16 pixels wide and high. A program holds a tile's 256 pixels as (8, 32): an entry's second index is its
 # thread's place in the warp, and gives its column and whether its row is even or odd. So all pixels of one thread lie
@@ -52,13 +52,13 @@ U_LOW, U_HIGH = tl.constexpr(inputs.U_LOW), tl.constexpr(inputs.U_HIGH)
 V_LOW, V_HIGH = tl.constexpr(inputs.V_LOW), tl.constexpr(inputs.V_HIGH)
 POINTS = tl.constexpr(inputs.POINTS)
 
-MAX_ALPHA = tl.constexpr(reference.MAX_ALPHA)
-MIN_ALPHA = tl.constexpr(reference.MIN_ALPHA)
-LOG2_MAX_ALPHA = tl.constexpr(math.log2(reference.MAX_ALPHA))
-LOG2_MIN_ALPHA = tl.constexpr(math.log2(reference.MIN_ALPHA))
-MIN_TRANSMITTANCE = tl.constexpr(reference.MIN_TRANSMITTANCE)
-MIN_DETERMINANT = tl.constexpr(reference.MIN_DETERMINANT)
-EDGE_ON = tl.constexpr(reference.EDGE_ON)
+MAX_ALPHA = tl.constexpr(op.MAX_ALPHA)
+MIN_ALPHA = tl.constexpr(op.MIN_ALPHA)
+LOG2_MAX_ALPHA = tl.constexpr(math.log2(op.MAX_ALPHA))
+LOG2_MIN_ALPHA = tl.constexpr(math.log2(op.MIN_ALPHA))
+MIN_TRANSMITTANCE = tl.constexpr(op.MIN_TRANSMITTANCE)
+MIN_DETERMINANT = tl.constexpr(op.MIN_DETERMINANT)
+EDGE_ON = tl.constexpr(op.EDGE_ON)
 # sqrt(log2(e) / 2): converts distances in standard deviations to the records' base-2 exponent.
 EXPONENT_SCALE = tl.constexpr(math.sqrt(math.log2(math.e) / 2))
 TWO_LN2 = tl.constexpr(2 * math.log(2))

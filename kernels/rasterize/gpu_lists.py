@@ -10,19 +10,20 @@ from torch import Tensor
 from dofbench.core.errors import InputError
 from dofbench.runtime.gpu_launch import kernels, launch
 
-from .gpu_inputs import BAD, RECORD, Settings, explain
+from .gpu_inputs import BAD, RECORD, Settings
+from .op import explain
 
 _GAUSSIANS = 128  # of a program that projects
 _INTERSECTIONS = 256  # of a program that fills lists
 
 
 class Lists(NamedTuple):
-    """The Gaussians of one call as its pictures see them, and its tiles' lists.
+    """The Gaussians of one call as its images see them, and its tiles' lists.
 
-    records: (N, RECORD), see gpu_layout. visible: (N,) bool, in any picture. radii: (N,), pixels. starts: (tiles + 1,),
-    over all pictures' tiles: where each one's list begins in ids, the Gaussians, and slots, the intersections' numbers
-    before sorting. order: (N,), the Gaussians, nearest first. ends: (N * pictures,), where the intersections of each of
-    them in each picture end, as they are numbered before sorting.
+    records: (N, RECORD), see gpu_layout. visible: (N,) bool, in any image. radii: (N,), pixels. starts: (tiles + 1,),
+    over all images' tiles: where each one's list begins in ids, the Gaussians, and slots, the intersections' numbers
+    before sorting. order: (N,), the Gaussians, nearest first. ends: (N * images,), where the intersections of each of
+    them in each image end, as they are numbered before sorting.
     """
 
     records: Tensor
@@ -42,9 +43,9 @@ def project_and_list(
 
     Waits for the GPU once, for the number of intersections. Lists of a guessed length wouldn't have to wait, but would
     silently leave Gaussians out where the guess is too low, and sort what isn't there where it is too high. As one
-    number is read anyway, Gaussians that aren't finite are told by it too.
+    number is read anyway, it reports Gaussians that aren't finite too.
 
-    Raises FloatingPointError and ValueError for such Gaussians as `cpu.rasterize` does, and InputError for more
+    Raises FloatingPointError and ValueError for such Gaussians as `op.rasterize` does, and InputError for more
     intersections than can be numbered.
     """
     means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest = parameters
@@ -54,99 +55,44 @@ def project_and_list(
     visible = means.new_empty(n, dtype=torch.bool)
     counts = means.new_empty((n, views), dtype=torch.int32)
     grid = (-(-n // _GAUSSIANS),)
+    moved_by, blur_by, filtered_by = settings.given(radius, blur, settings.filter_3d)
     launch(
-        kernels("rasterize.gpu_project").project,
-        grid,
-        means,
-        log_scales,
-        quaternions,
-        opacity_logits,
-        view if settings.filter_3d is None else settings.filter_3d,
-        view if blur is None else blur,
-        view if radius is None else radius,
-        view,
-        records,
-        depths,
-        radii,
-        n,
-        GEOMETRY=settings.geometry,
-        FADES=settings.fades,
-        FILTERED=settings.filter_3d is not None,
-        BLURRED=blur is not None,
-        MOVED=settings.moved,
-        BLOCK=_GAUSSIANS,
-    )
+        kernels("rasterize.gpu_project").project, grid, means, log_scales, quaternions, opacity_logits, filtered_by,
+        blur_by, moved_by, view, records, depths, radii, n,
+        GEOMETRY=settings.geometry, FADES=settings.fades, FILTERED=settings.filter_3d is not None,
+        BLURRED=blur is not None, MOVED=settings.moved, BLOCK=_GAUSSIANS,
+    )  # fmt: skip
     tiling = kernels("rasterize.gpu_tiles")
-    moved_by = view if radius is None else radius
     launch(
-        tiling.count,
-        grid,
-        records,
-        moved_by,
-        view,
-        radii,
-        visible,
-        counts,
-        n,
-        views,
-        MOVED=settings.moved,
-        BLOCK=_GAUSSIANS,
-    )
+        tiling.count, grid, records, moved_by, view, radii, visible, counts, n, views,
+        MOVED=settings.moved, BLOCK=_GAUSSIANS,
+    )  # fmt: skip
     launch(
-        kernels("rasterize.gpu_color").color,
-        grid,
-        means,
-        sh_dc,
-        sh_rest,
-        view,
-        visible,
-        records,
-        counts,
-        n,
-        views,
-        REST=rest,
-        TERMS=(settings.degree + 1) ** 2 - 1,
-        BLOCK=_GAUSSIANS,
-    )
-    # Intersections are numbered by depth, Gaussian and picture, and within them in the order of the tiles. So those of
-    # one Gaussian lie beside each other, and a stable sort by tile alone leaves each tile's list in order of depth.
-    # All points of a lens lie in one plane parallel to the image, so the order of depth is the same from all of them.
+        kernels("rasterize.gpu_color").color, grid, means, sh_dc, sh_rest, view, visible, records, counts, n, views,
+        REST=rest, TERMS=(settings.degree + 1) ** 2 - 1, BLOCK=_GAUSSIANS,
+    )  # fmt: skip
+    # Intersections are numbered by depth, Gaussian and image, and within them in the order of the tiles. So those of
+    # one Gaussian are adjacent, and a stable sort by tile alone leaves each tile's list in order of depth. All points
+    # of a lens lie in one plane parallel to the image, so the order of depth is the same from all of them.
     order = torch.sort(depths, stable=True).indices
     ends = counts.index_select(0, order).view(-1).cumsum(0)
     total = int(ends[-1]) if n else 0
     if total >= BAD:
         worst = int(counts[:, 0].argmax())
         if int(counts[worst, 0]) == BAD:
-            raise explain(parameters, settings.filter_3d, blur, radius, worst)
-        raise InputError(
-            "kernel rasterize",
-            f"{total} places where Gaussians meet tiles",
-            f"fewer than {BAD}: fewer Gaussians, pixels or points of the lens",
-        )
+            raise explain(worst, parameters, settings.filter_3d, blur, radius)
+        found = f"{total} places where Gaussians meet tiles"
+        raise InputError("kernel rasterize", found, f"fewer than {BAD}: fewer Gaussians, pixels or points of the lens")
     tiles = settings.columns * settings.rows * views
     # A radix sort's time goes with the length of its keys.
     kind = torch.int16 if tiles < 2**15 else torch.int32
     numbers = means.new_empty(total, dtype=kind)
     owners = means.new_empty(total, dtype=torch.int32)
     launch(
-        tiling.fill,
-        (-(-total // _INTERSECTIONS),),
-        records,
-        moved_by,
-        view,
-        order,
-        ends,
-        numbers,
-        owners,
-        total,
-        n * views,
-        (n * views).bit_length(),
-        views,
-        settings.columns,
-        settings.rows,
-        MOVED=settings.moved,
-        BLOCK=_INTERSECTIONS,
-    )
+        tiling.fill, (-(-total // _INTERSECTIONS),), records, moved_by, view, order, ends, numbers, owners,
+        total, n * views, (n * views).bit_length(), views, settings.columns, settings.rows,
+        MOVED=settings.moved, BLOCK=_INTERSECTIONS,
+    )  # fmt: skip
     numbers, slots = torch.sort(numbers, stable=True)
     every = torch.arange(tiles + 1, dtype=kind, device=means.device)
     starts = torch.searchsorted(numbers, every, out_int32=True)

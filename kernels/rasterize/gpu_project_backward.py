@@ -1,10 +1,12 @@
-"""Triton kernel of projection's gradient: from a Gaussian's sums over pixels to its raw parameters, one thread each."""
+"""Triton kernels of projection's gradient: the sums over each Gaussian's intersections, always in the same order; and
+from these to its raw parameters, one thread each."""
 
 from __future__ import annotations
 
 import triton
 import triton.language as tl
 
+from . import gpu_layout as layout
 from .gpu_footprint import (
     axes_of,
     columns_of,
@@ -20,24 +22,6 @@ from .gpu_footprint import (
     turned_back,
     unit_quaternion,
     weights_of,
-)
-from .gpu_layout import (
-    EDGE_ON,
-    FILTER_2D,
-    FX,
-    FY,
-    MIN_DETERMINANT,
-    QX,
-    QXX,
-    QXY,
-    QY,
-    QYY,
-    S_T,
-    U_HIGH,
-    U_LOW,
-    V_HIGH,
-    V_LOW,
-    Q,
 )
 
 
@@ -66,33 +50,11 @@ def clamped(value, low, high):
 
 @triton.jit(do_not_specialize=["n"])
 def project_backward(
-    means,
-    log_scales,
-    quaternions,
-    opacity_logits,
-    filter_3d,
-    blur,
-    view,
-    visible,
-    sums,
-    d_means,
-    d_scales,
-    d_quaternions,
-    d_logits,
-    d_blur,
-    d_radius,
-    grad_2d,
-    n,
-    LEVEL: tl.constexpr,
-    FADES: tl.constexpr,
-    FILTERED: tl.constexpr,
-    BLURRED: tl.constexpr,
-    MOVED: tl.constexpr,
-    STATISTICS: tl.constexpr,
-    S_NORMAL: tl.constexpr,
-    SLOT: tl.constexpr,
-    BLOCK: tl.constexpr,
-):
+    means, log_scales, quaternions, opacity_logits, filter_3d, blur, view, visible, sums, d_means, d_scales,
+    d_quaternions, d_logits, d_blur, d_radius, grad_2d, n,
+    LEVEL: tl.constexpr, FADES: tl.constexpr, FILTERED: tl.constexpr, BLURRED: tl.constexpr, MOVED: tl.constexpr,
+    STATISTICS: tl.constexpr, S_NORMAL: tl.constexpr, SLOT: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
     """The gradients of all but colour, zero for Gaussians that aren't visible.
 
     sums: (N, SLOT), see `gpu_layout`. LEVEL: of geometry that the loss uses. d_blur, d_radius and grad_2d may be
@@ -107,8 +69,8 @@ def project_backward(
     x, y, z = tl.where(seen, x, 0.0), tl.where(seen, y, 0.0), tl.where(seen, z, 1.0)
     iz = 1.0 / z
     u, v = x * iz, y * iz
-    cu, u_free = clamped(u, tl.load(view + U_LOW), tl.load(view + U_HIGH))
-    cv, v_free = clamped(v, tl.load(view + V_LOW), tl.load(view + V_HIGH))
+    cu, u_free = clamped(u, tl.load(view + layout.U_LOW), tl.load(view + layout.U_HIGH))
+    cv, v_free = clamped(v, tl.load(view + layout.V_LOW), tl.load(view + layout.V_HIGH))
 
     qw, qx, qy, qz, inverse_norm = unit_quaternion(quaternions, i, seen)
     m0x, m0y, m0z, m1x, m1y, m1z, m2x, m2y, m2z = axes_of(view, qw, qx, qy, qz)
@@ -118,7 +80,7 @@ def project_backward(
         k0x, k1x, k2x, k0y, k1y, k2y, m0x, m0y, m0z, m1x, m1y, m1z, m2x, m2y, m2z, cu, cv
     )
     sxx, sxy, syy, n01, n02, n12, bare = covariance_of(a0x, a0y, a1x, a1y, a2x, a2y)
-    filter_2d = tl.load(view + FILTER_2D)
+    filter_2d = tl.load(view + layout.FILTER_2D)
     det = tl.where(seen, bare + filter_2d * (sxx + syy + filter_2d), 1.0)
     wide, fyy = det, tl.where(seen, syy + filter_2d, 1.0)
     if BLURRED:
@@ -130,17 +92,17 @@ def project_backward(
     l11, l22 = tl.sqrt(fyy / wide), 1.0 / tl.sqrt(fyy)
     l21 = -sxy / tl.sqrt(fyy * wide)
     base = sums + i.to(tl.int64) * SLOT
-    q0 = tl.load(base + Q, mask=seen, other=0.0)
-    q_x, q_y = tl.load(base + QX, mask=seen, other=0.0), tl.load(base + QY, mask=seen, other=0.0)
-    q_xx, q_xy = tl.load(base + QXX, mask=seen, other=0.0), tl.load(base + QXY, mask=seen, other=0.0)
-    q_yy = tl.load(base + QYY, mask=seen, other=0.0)
+    q0 = tl.load(base + layout.Q, mask=seen, other=0.0)
+    q_x, q_y = tl.load(base + layout.QX, mask=seen, other=0.0), tl.load(base + layout.QY, mask=seen, other=0.0)
+    q_xx, q_xy = tl.load(base + layout.QXX, mask=seen, other=0.0), tl.load(base + layout.QXY, mask=seen, other=0.0)
+    q_yy = tl.load(base + layout.QYY, mask=seen, other=0.0)
     # Everything is in whitened coordinates, L^T (dx, dy), in which moments and axes are of order 1. Computing the
     # gradient with respect to the covariance instead would lose all digits for a long needle.
     n_x, n_y = l11 * q_x + l21 * q_y, l22 * q_y
     g_mx, g_my = l11 * n_x, l21 * n_x + l22 * n_y
     if MOVED:
         # dL/d(mean) is L L^T (Q_X, Q_Y) for each lens point; the sums hold its products with the points.
-        along_x, across, along_y = load3(base, S_T, seen)
+        along_x, across, along_y = load3(base, layout.S_T, seen)
         by_radius = l11 * l11 * along_x + l11 * l21 * across + (l21 * l21 + l22 * l22) * along_y
         tl.store(d_radius + i, by_radius, mask=inside)
     n_xx = l11 * (l11 * q_xx + l21 * q_xy) + l21 * (l11 * q_xy + l21 * q_yy)
@@ -160,9 +122,9 @@ def project_backward(
     if FADES or BLURRED:
         to_bare, to_trace = tl.zeros((BLOCK,), tl.float32), tl.zeros((BLOCK,), tl.float32)
         if FADES:
-            padded = det + MIN_DETERMINANT
+            padded = det + layout.MIN_DETERMINANT
             share = bare / padded
-            to_share = q0 / (share + MIN_DETERMINANT)
+            to_share = q0 / (share + layout.MIN_DETERMINANT)
             to_bare = to_share * (1.0 - share) / padded
             to_trace = -to_share * share / padded * filter_2d
         if BLURRED:
@@ -194,12 +156,12 @@ def project_backward(
         k0, k1, k2 = m0x * cu + (m0y * cv + m0z), m1x * cu + (m1y * cv + m1z), m2x * cu + (m2y * cv + m2z)
         b0, b1, b2 = w0 * k0, w1 * k1, w2 * k2
         hx, hy, hz, along, length = normal_of(m0x, m0y, m0z, m1x, m1y, m1z, m2x, m2y, m2z, b0, b1, b2, k0, k1, k2)
-        fx, fy = tl.load(view + FX), tl.load(view + FY)
-        plane = seen & (along > length * EDGE_ON)
+        fx, fy = tl.load(view + layout.FX), tl.load(view + layout.FY)
+        plane = seen & (along > length * layout.EDGE_ON)
         ia = tl.where(plane, 1.0 / along, 0.0)
         ig = 1.0 / (cu * cu + (cv * cv + 1.0))
         distance = tl.sqrt(dot3(x, y, z, x, y, z))
-        sum_t, sum_tx, sum_ty = load3(base, S_T, seen)
+        sum_t, sum_tx, sum_ty = load3(base, layout.S_T, seen)
         g_tx, g_ty = -sum_tx, -sum_ty
         slope_x = tl.where(plane, (hx * ia - cu * ig) / fx, 0.0)
         slope_y = tl.where(plane, (hy * ia - cv * ig) / fy, 0.0)
@@ -243,8 +205,8 @@ def project_backward(
     if STATISTICS:
         tl.store(grad_2d + 2 * i, g_mx, mask=inside)
         tl.store(grad_2d + 2 * i + 1, g_my, mask=inside)
-    g_u = tl.where(u_free, g_u, 0.0) + g_mx * tl.load(view + FX)
-    g_v = tl.where(v_free, g_v, 0.0) + g_my * tl.load(view + FY)
+    g_u = tl.where(u_free, g_u, 0.0) + g_mx * tl.load(view + layout.FX)
+    g_v = tl.where(v_free, g_v, 0.0) + g_my * tl.load(view + layout.FY)
     g_x += g_u * iz
     g_y += g_v * iz
     g_z -= (g_u * u + g_v * v) * iz
@@ -264,10 +226,31 @@ def project_backward(
     g_w, g_i, g_j, g_k = quaternion_gradient(qw, qx, qy, qz, inverse_norm, c0x, c0y, c0z, c1x, c1y, c1z, c2x, c2y, c2z)
     tl.store(d_quaternions + 4 * i, tl.where(seen, g_w, zero), mask=inside)
     store3(
-        d_quaternions,
-        4 * i + 1,
-        tl.where(seen, g_i, zero),
-        tl.where(seen, g_j, zero),
-        tl.where(seen, g_k, zero),
+        d_quaternions, 4 * i + 1, tl.where(seen, g_i, zero), tl.where(seen, g_j, zero), tl.where(seen, g_k, zero),
         inside,
-    )
+    )  # fmt: skip
+
+
+@triton.jit(do_not_specialize=["n"])
+def sum_slots(
+    slots, order, ends, sums, n, views,
+    SLOT: tl.constexpr, COLUMNS: tl.constexpr, GAUSSIANS: tl.constexpr, ROWS: tl.constexpr,
+):  # fmt: skip
+    """The sum of each Gaussian's slots, which are adjacent; a group of Gaussians in each program.
+
+    slots: (intersections, SLOT). order, ends: as in `gpu_tiles.fill`. sums: (N, SLOT). COLUMNS: SLOT rounded up to a
+    power of two. ROWS: of a Gaussian's slots that are read at once, so that the sum over a wide Gaussian's thousands of
+    intersections doesn't wait for memory that often.
+    """
+    rank = tl.program_id(0) * GAUSSIANS + tl.arange(0, GAUSSIANS)
+    inside = rank < n
+    i = tl.load(order + rank, mask=inside, other=0)
+    begin = tl.load(ends + rank * views - 1, mask=inside & (rank > 0), other=0)
+    many = (tl.load(ends + rank * views + (views - 1), mask=inside, other=0) - begin).to(tl.int32)
+    row, column = tl.arange(0, ROWS)[None, :, None], tl.arange(0, COLUMNS)[None, None, :]
+    total = tl.zeros((GAUSSIANS, ROWS, COLUMNS), tl.float32)
+    for first in range(0, tl.max(many, 0), ROWS):
+        inner = (first + row < many[:, None, None]) & (column < SLOT)
+        total += tl.load(slots + (begin[:, None, None] + first + row) * SLOT + column, mask=inner, other=0.0)
+    where = sums + i[:, None] * SLOT + tl.arange(0, COLUMNS)[None, :]
+    tl.store(where, tl.sum(total, 1), mask=inside[:, None] & (tl.arange(0, COLUMNS)[None, :] < SLOT))

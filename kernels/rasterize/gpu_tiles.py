@@ -10,22 +10,21 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from .gpu_layout import BAD, HEIGHT, L11, L21, L22, LIMIT, LOG2_OPACITY, MX, MY, POINTS, RECORD, SLACK, TILE, WIDTH
+from . import gpu_layout as layout
 
 
 @triton.jit
 def ellipse(records, i, mask):
     """Where the Gaussian counts: its mean, the factor L, and the square of its reach in base-2 exponent."""
-    base = records + i * RECORD
-    reach2 = tl.load(base + LOG2_OPACITY, mask=mask, other=0.0) - tl.load(base + LIMIT, mask=mask, other=0.0)
-    return (
-        tl.load(base + MX, mask=mask, other=0.0),
-        tl.load(base + MY, mask=mask, other=0.0),
-        tl.load(base + L11, mask=mask, other=1.0),
-        tl.load(base + L21, mask=mask, other=0.0),
-        tl.load(base + L22, mask=mask, other=1.0),
-        tl.maximum(reach2, 0.0),
+    base = records + i * layout.RECORD
+    reach2 = tl.load(base + layout.LOG2_OPACITY, mask=mask, other=0.0) - tl.load(
+        base + layout.LIMIT, mask=mask, other=0.0
     )
+    return (
+        tl.load(base + layout.MX, mask=mask, other=0.0), tl.load(base + layout.MY, mask=mask, other=0.0),
+        tl.load(base + layout.L11, mask=mask, other=1.0), tl.load(base + layout.L21, mask=mask, other=0.0),
+        tl.load(base + layout.L22, mask=mask, other=1.0), tl.maximum(reach2, 0.0),
+    )  # fmt: skip
 
 
 @triton.jit
@@ -47,12 +46,12 @@ def covers(mx, my, l11, l21, l22, reach2, width, height):
 @triton.jit
 def rows_met(my, l22, reach2, height, mask):
     """The first and last row of tiles that the ellipse may meet; the last before the first where it meets none."""
-    half = half_height(l22, reach2 + SLACK)
-    top = tl.maximum(tl.ceil(my - half - 0.5 - SLACK), 0.0)
-    bottom = tl.minimum(tl.floor(my + half - 0.5 + SLACK), height - 1.0)
+    half = half_height(l22, reach2 + layout.SLACK)
+    top = tl.maximum(tl.ceil(my - half - 0.5 - layout.SLACK), 0.0)
+    bottom = tl.minimum(tl.floor(my + half - 0.5 + layout.SLACK), height - 1.0)
     met = mask & (top <= bottom)
-    first = tl.where(met, top, 0.0).to(tl.int32) // TILE
-    return first, tl.where(met, tl.where(met, bottom, 0.0).to(tl.int32) // TILE, first - 1)
+    first = tl.where(met, top, 0.0).to(tl.int32) // layout.TILE
+    return first, tl.where(met, tl.where(met, bottom, 0.0).to(tl.int32) // layout.TILE, first - 1)
 
 
 @triton.jit
@@ -64,11 +63,11 @@ def columns_met(mx, my, l11, l21, l22, reach2, row, width, height):
     dy = -+ l21 sqrt(reach2) / (l22 sqrt(l21**2 + l22**2)): so over the row's pixels the extreme is at the dy nearest to
     this one.
     """
-    reach2 = reach2 + SLACK
+    reach2 = reach2 + layout.SLACK
     half = half_height(l22, reach2)
-    above = (row * TILE).to(tl.float32)
-    low = tl.maximum(above + 0.5 - my - SLACK, -half)
-    high = tl.minimum(tl.minimum(above + (TILE - 0.5), height - 0.5) - my + SLACK, half)
+    above = (row * layout.TILE).to(tl.float32)
+    low = tl.maximum(above + 0.5 - my - layout.SLACK, -half)
+    high = tl.minimum(tl.minimum(above + (layout.TILE - 0.5), height - 0.5) - my + layout.SLACK, half)
     turn = tl.div_rn(l21 * half, tl.sqrt_rn(tl.fma(l21, l21, l22 * l22)))
     at = tl.minimum(tl.maximum(turn, low), high)
     e = l22 * at
@@ -76,16 +75,16 @@ def columns_met(mx, my, l11, l21, l22, reach2, row, width, height):
     at = tl.minimum(tl.maximum(-turn, low), high)
     e = l22 * at
     right = tl.div_rn(tl.fma(-l21, at, tl.sqrt_rn(tl.maximum(tl.fma(-e, e, reach2), 0.0))), l11)
-    first = tl.maximum(tl.ceil(mx + left - 0.5 - SLACK), 0.0)
-    last = tl.minimum(tl.floor(mx + right - 0.5 + SLACK), width - 1.0)
+    first = tl.maximum(tl.ceil(mx + left - 0.5 - layout.SLACK), 0.0)
+    last = tl.minimum(tl.floor(mx + right - 0.5 + layout.SLACK), width - 1.0)
     met = (low <= high) & (first <= last)
-    first = tl.where(met, first, 0.0).to(tl.int32) // TILE
-    return first, tl.where(met, tl.where(met, last, 0.0).to(tl.int32) // TILE - first + 1, 0)
+    first = tl.where(met, first, 0.0).to(tl.int32) // layout.TILE
+    return first, tl.where(met, tl.where(met, last, 0.0).to(tl.int32) // layout.TILE - first + 1, 0)
 
 
 @triton.jit(do_not_specialize=["n"])
 def count(records, radius, view, radii, visible, counts, n, views, MOVED: tl.constexpr, BLOCK: tl.constexpr):
-    """How many tiles each Gaussian meets in each picture, and whether it is visible in any; one thread for each.
+    """How many tiles each Gaussian meets in each image, and whether it is visible in any; one thread for each.
 
     counts: (N, views). radii: of `gpu_project.project`; that of a Gaussian which isn't visible becomes 0.
     """
@@ -94,14 +93,14 @@ def count(records, radius, view, radii, visible, counts, n, views, MOVED: tl.con
     size = tl.load(radii + i, mask=inside, other=0.0)
     candidate = size > 0.0
     mx, my, l11, l21, l22, reach2 = ellipse(records, i, candidate)
-    width, height = tl.load(view + WIDTH), tl.load(view + HEIGHT)
+    width, height = tl.load(view + layout.WIDTH), tl.load(view + layout.HEIGHT)
     shown = tl.zeros((BLOCK,), tl.int32)
     for number in range(0, views):
         x, y = mx, my
         if MOVED:
             shift = tl.load(radius + i, mask=candidate, other=0.0)
-            x = tl.fma(shift, tl.load(view + POINTS + 2 * number), mx)
-            y = tl.fma(shift, tl.load(view + POINTS + 2 * number + 1), my)
+            x = tl.fma(shift, tl.load(view + layout.POINTS + 2 * number), mx)
+            y = tl.fma(shift, tl.load(view + layout.POINTS + 2 * number + 1), my)
         here = candidate & covers(x, y, l11, l21, l22, reach2, width, height)
         shown = tl.where(here, 1, shown)
         first, last = rows_met(y, l22, reach2, height, here)
@@ -111,32 +110,19 @@ def count(records, radius, view, radii, visible, counts, n, views, MOVED: tl.con
             _, met = columns_met(x, y, l11, l21, l22, reach2, row, width, height)
             total += tl.where(row <= last, met, 0)
         # Comparing with itself finds NaN, which stands for a Gaussian that isn't finite.
-        tl.store(counts + i * views + number, tl.where(size != size, BAD, total), mask=inside)
+        tl.store(counts + i * views + number, tl.where(size != size, layout.BAD, total), mask=inside)
     tl.store(visible + i, shown != 0, mask=inside)
     tl.store(radii + i, tl.where(shown != 0, size, 0.0), mask=inside)
 
 
 @triton.jit(do_not_specialize=["total", "entries", "steps"])
 def fill(
-    records,
-    radius,
-    view,
-    order,
-    ends,
-    tiles,
-    owners,
-    total,
-    entries,
-    steps,
-    views,
-    columns,
-    rows,
-    MOVED: tl.constexpr,
-    BLOCK: tl.constexpr,
-):
+    records, radius, view, order, ends, tiles, owners, total, entries, steps, views, columns, rows,
+    MOVED: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
     """For each intersection the number of its tile and its Gaussian; one thread for each intersection.
 
-    order: (N,), the Gaussians, nearest first. ends: (N * views,), where each Gaussian's intersections in each picture
+    order: (N,), the Gaussians, nearest first. ends: (N * views,), where each Gaussian's intersections in each image
     end, in this order. steps: at least log2 of one more than entries = N * views.
     """
     slot = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
@@ -157,9 +143,9 @@ def fill(
     mx, my, l11, l21, l22, reach2 = ellipse(records, i, inside)
     if MOVED:
         shift = tl.load(radius + i, mask=inside, other=0.0)
-        mx = tl.fma(shift, tl.load(view + POINTS + 2 * number, mask=inside, other=0.0), mx)
-        my = tl.fma(shift, tl.load(view + POINTS + 2 * number + 1, mask=inside, other=0.0), my)
-    width, height = tl.load(view + WIDTH), tl.load(view + HEIGHT)
+        mx = tl.fma(shift, tl.load(view + layout.POINTS + 2 * number, mask=inside, other=0.0), mx)
+        my = tl.fma(shift, tl.load(view + layout.POINTS + 2 * number + 1, mask=inside, other=0.0), my)
+    width, height = tl.load(view + layout.WIDTH), tl.load(view + layout.HEIGHT)
     first, last = rows_met(my, l22, reach2, height, inside)
     # Walk down the Gaussian's rows of tiles to the one that holds this intersection.
     tile = tl.zeros((BLOCK,), tl.int32)

@@ -1,28 +1,22 @@
-"""The definition of `rasterize` in plain torch, for any floating type; gradients by autograd.
+"""The definition of `rasterize` in plain torch, for any floating type; gradients by autograd. See op.py.
 
-Gaussians are splatted with the EWA projection and Mip-Splatting's two filters; depth and normals follow the
-current version of RaDe-GS. Every Gaussian is evaluated at every pixel, so this is for small scenes only.
+Every Gaussian is evaluated at every pixel, so this is for small scenes only.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Any, TypedDict
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.core.cameras import Camera
 from dofbench.runtime.backend import Backend
-from dofbench.runtime.raster import Geometry, Raster, ViewStatistics
+from dofbench.runtime.raster import Raster, ViewStatistics
+
+from .op import EDGE_ON, MAX_ALPHA, MIN_ALPHA, MIN_DETERMINANT, MIN_TRANSMITTANCE, View
 
 BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
-MAX_ALPHA = 0.99
-MIN_ALPHA = 1 / 255
-MIN_TRANSMITTANCE = 1e-4
-MIN_DETERMINANT = 1e-6
-EDGE_ON = 1e-7
 
 
 class _Kind(TypedDict):
@@ -94,103 +88,27 @@ class _Absolute(torch.autograd.Function):
 
 
 def rasterize(
-    means: Tensor,
-    log_scales: Tensor,
-    quaternions: Tensor,
-    opacity_logits: Tensor,
-    sh_dc: Tensor,
-    sh_rest: Tensor,
-    *,
-    camera: Camera,
-    filter_3d: Tensor | None = None,
-    sh_degree: int = 3,
-    background: Tensor | None = None,
-    filter_2d: float = 0.1,
-    filter_2d_fades: bool = True,
-    blur: Tensor | None = None,
-    geometry: Geometry = "depth",
-    near: float = 0.2,
-    statistics: ViewStatistics | None = None,
+    parameters: tuple[Tensor, ...], blur: Tensor | None, view: View, statistics: ViewStatistics | None
 ) -> Raster:
-    """Same arguments, results and conventions as `cpu.rasterize`, which documents them."""
-    parameters = (means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest)
-    return _moved(
-        parameters,
-        None,
-        camera,
-        filter_3d,
-        sh_degree,
-        background,
-        filter_2d,
-        filter_2d_fades,
-        blur,
-        geometry,
-        near,
-        statistics,
-    )
+    return _moved(parameters, None, blur, view, statistics)
 
 
 def rasterize_from_points(
-    means: Tensor,
-    log_scales: Tensor,
-    quaternions: Tensor,
-    opacity_logits: Tensor,
-    sh_dc: Tensor,
-    sh_rest: Tensor,
-    *,
-    camera: Camera,
-    points: np.ndarray,
-    radius: Tensor,
-    blur: Tensor | None = None,
-    filter_3d: Tensor | None = None,
-    sh_degree: int = 3,
-    background: Tensor | None = None,
-    filter_2d: float = 0.1,
-    filter_2d_fades: bool = True,
-    near: float = 0.2,
-    statistics: ViewStatistics | None = None,
-) -> Tensor:
-    """Same arguments, results and conventions as `cpu_points.rasterize_from_points`, which documents them, but that
-    `statistics` isn't filled in: those of single points are `rasterize`'s."""
+    parameters: tuple[Tensor, ...], blur: Tensor | None, radius: Tensor, points: np.ndarray, view: View,
+    statistics: ViewStatistics | None,
+) -> Tensor:  # fmt: skip
     if statistics is not None:
         raise ValueError("statistics: the reference has none from several points")
-    parameters = (means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest)
-    images = []
-    for point in torch.tensor(points, dtype=means.dtype, device=means.device):
-        moved = radius[:, None] * point
-        raster = _moved(
-            parameters,
-            moved,
-            camera,
-            filter_3d,
-            sh_degree,
-            background,
-            filter_2d,
-            filter_2d_fades,
-            blur,
-            "none",
-            near,
-            None,
-        )
-        images.append(raster.color)
-    return torch.stack(images)
+    lens = torch.tensor(points, dtype=radius.dtype, device=radius.device)
+    return torch.stack([_moved(parameters, radius[:, None] * point, blur, view, None).color for point in lens])
 
 
 def _moved(
-    parameters: tuple[Tensor, ...],
-    moved: Tensor | None,
-    camera: Camera,
-    filter_3d: Tensor | None,
-    sh_degree: int,
-    background: Tensor | None,
-    filter_2d: float,
-    filter_2d_fades: bool,
-    blur: Tensor | None,
-    geometry: Geometry,
-    near: float,
+    parameters: tuple[Tensor, ...], moved: Tensor | None, blur: Tensor | None, view: View,
     statistics: ViewStatistics | None,
-) -> Raster:
+) -> Raster:  # fmt: skip
     """`rasterize`, with the projected means moved by (N, 2) pixels, if `moved` is given."""
+    camera, filter_3d, degree, background, filter_2d, fades, geometry, near = view
     means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest = parameters
     to: _Kind = {"dtype": means.dtype, "device": means.device}
     world_to_camera = torch.tensor(camera.world_to_camera, **to)
@@ -198,7 +116,7 @@ def _moved(
     centre = torch.tensor(camera.centre.copy(), **to)
     width, height, fx, fy, cx, cy = camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy
 
-    # Projection. Gaussians at or behind the near plane are left out from here on.
+    # Projection. Gaussians at or behind the near plane are skipped from here on.
     local = means @ rotation.T + world_to_camera[:3, 3]
     index = torch.nonzero(local[:, 2] > near).squeeze(1)
     x, y, z = local[index].unbind(1)
@@ -233,8 +151,8 @@ def _moved(
     shrink = torch.where(bare_scales == scales, torch.ones_like(scales), bare_scales / scales)
     opacity = torch.sigmoid(opacity_logits[index]) * shrink.prod(1)
     # 3DGS's dilation keeps the opacity, and so even a Gaussian that the camera sees edge-on is drawn.
-    drawn = (determinant if filter_2d_fades else filtered_determinant) > MIN_DETERMINANT
-    if filter_2d > 0 and filter_2d_fades:
+    drawn = (determinant if fades else filtered_determinant) > MIN_DETERMINANT
+    if fades:
         ratio = determinant / (filtered_determinant + MIN_DETERMINANT) + MIN_DETERMINANT
         opacity = opacity * torch.where(drawn, ratio, 1.0).sqrt()
 
@@ -258,7 +176,6 @@ def _moved(
         drawn = drawn & (first <= last).all(1)
         longest = torch.linalg.eigvalsh(filtered)[:, 1]
 
-    degree = min(sh_degree, math.isqrt(sh_rest.shape[1] + 1) - 1)
     terms = (degree + 1) ** 2
     coefficients = torch.cat([sh_dc[:, None], sh_rest[:, : terms - 1]], 1)[index]
     directions = torch.nn.functional.normalize(means[index] - centre, dim=1, eps=0.0)
@@ -326,19 +243,14 @@ def _moved(
         normal.reshape(height, width, 3),
         distortion.reshape(height, width) / cosine**2,
     )
-    left_out = {"none": 4, "depth": 3, "full": 1, "distortion": 0}[geometry]
-    return Raster(*outputs[: 6 - left_out], *[None] * left_out)
+    skipped = (4, 3, 1, 0)[geometry]
+    return Raster(*outputs[: 6 - skipped], *[None] * skipped)
 
 
 def _fill(
-    statistics: ViewStatistics,
-    means: Tensor,
-    index: Tensor,
-    drawn: Tensor,
-    radii: Tensor,
-    projected: Tensor,
+    statistics: ViewStatistics, means: Tensor, index: Tensor, drawn: Tensor, radii: Tensor, projected: Tensor,
     total_abs: Tensor,
-) -> None:
+) -> None:  # fmt: skip
     statistics.visible = torch.zeros(len(means), dtype=torch.bool, device=means.device)
     statistics.visible[index] = drawn
     statistics.radii = torch.zeros_like(means[:, 0]).detach()

@@ -1,1 +1,1 @@
-"""Lens blur by scattering every pixel over its circle of confusion (DoF-Gaussian, Algorithm 1)."""
+"""Lens blur by scattering every pixel over its circle of confusion: `scatter`."""

@@ -1,20 +1,16 @@
-"""The scatter on a CPU: float32, numba, two forms with one result (see reference.py for the definition)."""
+"""The scatter on a CPU: float32, numba, two forms with one result (see op.py)."""
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 import torch
-from torch import Tensor
 
-from dofbench.core.lens import ALPHA, ApertureShape, Energy
-from dofbench.runtime.backend import Backend
-from dofbench.runtime.kernel_cache import is_compiled
+from dofbench.core.lens import ApertureShape
+from dofbench.runtime.kernel_cache import cpu_backend
 
-from . import cpu_direct, cpu_direct_backward, cpu_linear, cpu_linear_backward
-from .cpu_pack import COLOURS, RATIONAL, brightness, edges, geometry, pack_sources
-from .reference import check, check_largest
+from . import cpu_direct, cpu_direct_backward, cpu_linear, cpu_linear_backward, op
+from .cpu_pack import RATIONAL, brightness, edges, geometry, pack_sources
+from .op import COLOURS, check_largest, in_threes, joined
 
 # Largest radius, pixels, from which on "auto" uses the linear form. At 504 x 378 forward and backward pass together
 # take equally long in both forms at about 22 px on smooth disparity, and at 17 px on noise, where the direct form can't
@@ -22,31 +18,9 @@ from .reference import check, check_largest
 LINEAR_FROM = 18.0
 
 
-def scatter(
-    image: Tensor,
-    signed_radius: Tensor,
-    *,
-    alpha: float = ALPHA,
-    shape: ApertureShape = ApertureShape(),
-    energy: Energy = "area",
-    form: Literal["auto", "direct", "linear"] = "auto",
-) -> Tensor:
-    """Blur `image`, (H, W, C) linear light, by `signed_radius`, (H, W) pixels; (H, W, C).
-
-    float32 on the CPU, contiguous. Differentiable with respect to both, with d|s|/ds = +1 at s = 0. The same
-    input gives the same bits, whatever the number of threads. Raises ValueError for other tensors and for unknown
-    options, FloatingPointError for a radius that isn't finite; a NaN in the image comes out as NaN.
-    """
-    check(image, signed_radius, alpha, energy, form, "cpu")
-    height, width, channels = image.shape
-    groups = []
-    for first in range(0, channels, COLOURS):
-        colours = image[..., first : first + COLOURS]
-        if colours.shape[2] < COLOURS:
-            colours = torch.nn.functional.pad(colours, (0, COLOURS - colours.shape[2]))
-        groups.append(_Scatter.apply(colours.contiguous(), signed_radius, alpha, shape, energy == "area", form))
-    blurred = groups[0] if len(groups) == 1 else torch.cat(groups, dim=2)
-    return blurred if blurred.shape[2] == channels else blurred[..., :channels].contiguous()
+def scatter(image, signed_radius, alpha, shape, area, form):
+    groups = [_Scatter.apply(colours, signed_radius, alpha, shape, area, form) for colours in in_threes(image)]
+    return joined(groups, image.shape[2])
 
 
 def _is_linear(form: str, largest: float, shape: ApertureShape) -> bool:
@@ -106,13 +80,7 @@ class _Scatter(torch.autograd.Function):
 def _warm_up(**options) -> None:
     """Compile the direct form. The linear form is compiled when a radius first needs it, or with form="linear"."""
     image = torch.rand((32, 32, COLOURS), generator=torch.Generator().manual_seed(0)).requires_grad_()
-    scatter(image, torch.ones((32, 32)).requires_grad_(), **options).sum().backward()
+    op.scatter(image, torch.ones((32, 32)).requires_grad_(), **options).sum().backward()
 
 
-BACKEND = Backend(
-    devices=("cpu",),
-    dtypes=("float32",),
-    bits_repeat=True,
-    warm_up=_warm_up,
-    is_warm=lambda: is_compiled(cpu_direct_backward._finish),
-)
+BACKEND = cpu_backend(_warm_up, cpu_direct_backward._finish)

@@ -14,8 +14,8 @@ from dofbench.runtime.kernel_cache import cached
 from dofbench.runtime.simd import splat8
 from dofbench.runtime.simd_memory import load8, store8
 
-from .cpu_edge import half_width, logistic2
-from .cpu_pack import BLOCK, COLOURS, EXPONENTIAL, PLANES, RATIONAL, SUMS, Edges, Geometry
+from .cpu_pack import BLOCK, EXPONENTIAL, PLANES, RATIONAL, SUMS, Edges, Geometry, half_width, logistic2
+from .op import COLOURS
 
 STRIP = 64  # columns of a task: so few that the target rows to which a source row writes stay in the cache
 LANES = 8

@@ -23,8 +23,8 @@ from dofbench.core.lens import AREA_EPSILON
 from dofbench.runtime.kernel_cache import cached
 from dofbench.runtime.simd_memory import load8, store8
 
-from .cpu_edge import half_width, logistic2
-from .cpu_pack import BLOCK, COLOURS, PLANES, RATIONAL, SUMS, Edges, Geometry
+from .cpu_pack import BLOCK, PLANES, RATIONAL, SUMS, Edges, Geometry, half_width, logistic2
+from .op import COLOURS
 
 STRIP = 64  # sources of a task in x
 ROWS = 16  # and in y
@@ -115,7 +115,7 @@ def _product(gradient, source):
 
 @njit(error_model="numpy")
 def _collect(sums, weight, slope, gradient, product):
-    """Add one offset: S times the gradient by three colours, S D and S' D."""
+    """Add one offset: S times the gradient with respect to three colours, S D and S' D."""
     return (
         sums[0] + weight * gradient[0],
         sums[1] + weight * gradient[1],
@@ -221,36 +221,14 @@ def _gather(sources, reach, gradient, own, sizes, kind, folded, outer, slope, st
                         sums = _load5(running, i, STRIP)
                         if kind == RATIONAL:
                             sums = _visit_rational(
-                                sums,
-                                lines,
-                                around + i,
-                                count,
-                                source,
-                                own,
-                                y * stride + left + i,
-                                dy,
-                                last,
-                                outer,
+                                sums, lines, around + i, count, source, own, y * stride + left + i, dy, last, outer,
                                 entry,
-                            )
+                            )  # fmt: skip
                         else:
                             sums = _visit_exponential(
-                                sums,
-                                lines,
-                                around + i,
-                                count,
-                                source,
-                                own,
-                                y * stride + left + i,
-                                dy,
-                                last,
-                                outer,
-                                slope,
-                                entry,
-                                stop,
-                                opacity,
-                                folded,
-                            )
+                                sums, lines, around + i, count, source, own, y * stride + left + i, dy, last, outer,
+                                slope, entry, stop, opacity, folded,
+                            )  # fmt: skip
                         _store5(running, i, STRIP, sums)
     return result
 
@@ -258,7 +236,8 @@ def _gather(sources, reach, gradient, own, sizes, kind, folded, outer, slope, st
 @cached
 @njit(parallel=True, error_model="numpy")
 def _finish(sums, signed_radius, steepness, area_epsilon, area):
-    """Apply the area term and the sign: gradients by colour (H, W, COLOURS) and by signed radius (H, W)."""
+    """Apply the area term and the sign: gradients with respect to colour (H, W, COLOURS) and signed radius (H,
+    W)."""
     height, width = signed_radius.shape
     by_colour = np.empty((height, width, COLOURS), np.float32)
     by_radius = np.empty((height, width), np.float32)
@@ -278,16 +257,9 @@ def _finish(sums, signed_radius, steepness, area_epsilon, area):
 
 
 def backward(
-    sources: np.ndarray,
-    reach: np.ndarray,
-    signed_radius: np.ndarray,
-    gradient: np.ndarray,
-    own: np.ndarray,
-    sizes: Geometry,
-    edge: Edges,
-    alpha: float,
-    area: bool,
-) -> tuple[np.ndarray, np.ndarray]:
+    sources: np.ndarray, reach: np.ndarray, signed_radius: np.ndarray, gradient: np.ndarray, own: np.ndarray,
+    sizes: Geometry, edge: Edges, alpha: float, area: bool,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Gradients with respect to the image (H, W, COLOURS) and the signed radius (H, W).
 
     sources, reach: from `pack_sources`; gradient, own: from `pack_gradient`.

@@ -34,13 +34,14 @@ from dofbench.runtime.simd_functions import abs8, exp2_fast8, floor8, max8, min8
 from dofbench.runtime.simd_memory import load1, load8, store8, store_whole8
 
 from .cpu_double4 import add_product4, add_row4, load4, splat4, splat_at4, store4, store_double8
-from .cpu_pack import COLOURS, Geometry
+from .cpu_pack import Geometry
+from .op import COLOURS
 
 WAYS = COLOURS + 1  # lanes per pixel
 LANES = 8  # number of sources, and of entries of a soft end, that are processed together
 TILE = 512  # sources in a row of a tile: so few that its sums and sources stay in the inner caches
 SMALL_IMAGE = 1 << 21
-# Weights below exp(-40) have no effect in float32, even beside the largest highlight.
+# Weights below exp(-40) have no effect in float32, even next to the largest highlight.
 LARGEST_EXPONENT = 40.0
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 _LIMIT = np.float32(126.0)  # range of exp2_fast8
@@ -284,19 +285,9 @@ def _spread(image, signed_radius, area, table, columns, sizes, rows, tile, step,
         fulls, weights = np.empty(size, np.float64), np.empty(LANES * LANES, np.float32)
         for y in range(top, bottom):
             _sort_row(
-                image[y, first:last],
-                signed_radius[y, first:last],
-                sizes,
-                area,
-                period,
-                steepness,
-                inner,
-                outer,
-                evens,
-                odds,
-                places,
-                colours,
-            )
+                image[y, first:last], signed_radius[y, first:last], sizes, area, period, steepness, inner, outer, evens,
+                odds, places, colours,
+            )  # fmt: skip
             for dy in range(reach_y + 1):
                 below, above = y + dy < height, dy > 0 and y - dy >= 0
                 rest = outer[0] - np.float32(dy) * np.float32(dy)
@@ -304,19 +295,9 @@ def _spread(image, signed_radius, area, table, columns, sizes, rows, tile, step,
                     break
                 entry = dy * columns
                 groups = _plan_row(
-                    np.float32(dy),
-                    splat8(load1(table, entry)),
-                    np.float32(reach_x),
-                    np.float32(pad),
-                    inner,
-                    outer,
-                    evens,
-                    odds,
-                    places,
-                    plan,
-                    longest,
-                    fulls,
-                )
+                    np.float32(dy), splat8(load1(table, entry)), np.float32(reach_x), np.float32(pad), inner, outer,
+                    evens, odds, places, plan, longest, fulls,
+                )  # fmt: skip
                 _add_sources(
                     table, entry, groups, evens, odds, colours, plan, longest, fulls, ones, weights, runs, softs
                 )
@@ -324,16 +305,10 @@ def _spread(image, signed_radius, area, table, columns, sizes, rows, tile, step,
                 left, right = max(0, first - chord), min(width, last + chord)
                 to = (y - row0) * wide + left - column0
                 _flush(
-                    runs,
-                    softs,
-                    (pad - chord - LANES) * WAYS,
-                    (pad + left - first) * WAYS,
-                    (pad + right - first) * WAYS,
-                    (pad + last - first + chord + LANES) * WAYS,
-                    buffer,
-                    (to + dy * wide) * WAYS if below else -1,
-                    (to - dy * wide) * WAYS if above else -1,
-                )
+                    runs, softs, (pad - chord - LANES) * WAYS, (pad + left - first) * WAYS,
+                    (pad + right - first) * WAYS, (pad + last - first + chord + LANES) * WAYS, buffer,
+                    (to + dy * wide) * WAYS if below else -1, (to - dy * wide) * WAYS if above else -1,
+                )  # fmt: skip
     return buffers
 
 
@@ -385,16 +360,7 @@ def forward(
     table = _table(sizes.reach_y + 1, columns, period, 2.0 * alpha)
     rows, tile, step = _tiles(sizes)
     buffers = _spread(
-        image,
-        signed_radius,
-        area,
-        table,
-        columns,
-        sizes,
-        rows,
-        tile,
-        step,
-        np.float32(period),
+        image, signed_radius, area, table, columns, sizes, rows, tile, step, np.float32(period),
         np.float32(2.0 * alpha * math.log2(math.e)),
-    )
+    )  # fmt: skip
     return _merge(buffers, sizes.height, sizes.width, rows, tile, sizes.reach_y, sizes.reach_x)

@@ -22,8 +22,8 @@ from dofbench.runtime.simd_functions import floor8, max8, min8, sqrt8
 from dofbench.runtime.simd_memory import load8, store8
 
 from .cpu_double4 import load4, splat4, store4
-from .cpu_edge import half_width, logistic2
-from .cpu_pack import COLOURS, Geometry
+from .cpu_pack import Geometry, half_width, logistic2
+from .op import COLOURS
 
 WAYS = COLOURS + 1  # lanes per pixel
 LANES = 8  # number of sources whose soft ends are computed together
@@ -118,7 +118,7 @@ def _prefix(gradient, image, blurred, total, pad):
 @cached
 @njit(parallel=True, error_model="numpy")
 def _gather(image, signed_radius, radii, largest, sums, correction, sizes, steepness, slope, area):
-    """Gradients by colour (H, W, COLOURS) and by signed radius (H, W). slope: 2 alpha."""
+    """Gradients with respect to colour (H, W, COLOURS) and signed radius (H, W). slope: 2 alpha."""
     height, width, reach_y, reach_x = sizes.height, sizes.width, sizes.reach_y, sizes.reach_x
     band, least = np.float32(sizes.band), np.float32(sizes.least)
     pad = reach_x + 1
@@ -143,16 +143,9 @@ def _gather(image, signed_radius, radii, largest, sums, correction, sizes, steep
                 store4(line, i, gradient)
             for start in range(0, width, LANES):
                 count = _soft_ends(
-                    weights,
-                    slopes,
-                    cores,
-                    load8(radii, y * columns + start),
-                    np.float32(dy),
-                    steepness,
-                    band,
-                    least,
+                    weights, slopes, cores, load8(radii, y * columns + start), np.float32(dy), steepness, band, least,
                     np.float32(reach_x),
-                )
+                )  # fmt: skip
                 for lane in range(min(LANES, width - start)):
                     x, core = start + lane, int(cores[lane])
                     left, right = (pad + x - core) * WAYS, (pad + x + core + 1) * WAYS
@@ -184,27 +177,13 @@ def _gather(image, signed_radius, radii, largest, sums, correction, sizes, steep
 
 
 def backward(
-    gradient: np.ndarray,
-    image: np.ndarray,
-    signed_radius: np.ndarray,
-    blurred: np.ndarray,
-    total: np.ndarray,
-    sizes: Geometry,
-    alpha: float,
-    area: bool,
-) -> tuple[np.ndarray, np.ndarray]:
+    gradient: np.ndarray, image: np.ndarray, signed_radius: np.ndarray, blurred: np.ndarray, total: np.ndarray,
+    sizes: Geometry, alpha: float, area: bool,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Gradients with respect to the image (H, W, COLOURS) and the signed radius (H, W)."""
     sums, correction = _prefix(gradient, image, blurred, total, sizes.reach_x + 1)
     radii, largest = _radii(signed_radius)
     return _gather(
-        image,
-        signed_radius,
-        radii,
-        largest,
-        sums,
-        correction,
-        sizes,
-        np.float32(2.0 * alpha * math.log2(math.e)),
-        np.float32(2.0 * alpha),
-        area,
-    )
+        image, signed_radius, radii, largest, sums, correction, sizes, np.float32(2.0 * alpha * math.log2(math.e)),
+        np.float32(2.0 * alpha), area,
+    )  # fmt: skip

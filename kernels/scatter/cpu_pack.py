@@ -1,5 +1,5 @@
-"""Preparation of the direct form: padded planes of the sources, the reach of blocks of sources, tables of the soft
-edge.
+"""The soft edge, and preparation of the direct form: padded planes of the sources, the reach of blocks of sources,
+tables of the edge.
 
 Planes are (H, PLANES, stride) float32, flattened: the edge plane, then colour and 1, both times the
 area term. A row has `pad` empty pixels on either side, so that no inner loop tests for the image's border.
@@ -16,11 +16,11 @@ from numba import njit, prange
 
 from dofbench.core.lens import AREA_EPSILON, ApertureShape
 from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.simd_functions import exp2_fast8, max8, min8
 
-from .reference import STOP_OPACITY
+from .op import COLOURS, STOP_OPACITY
 
 BLOCK = 16  # pixels of a block: sources that share one reach, targets that are processed together
-COLOURS = 3  # channels processed together
 SUMS = COLOURS + 1
 PLANES = COLOURS + 2
 NOWHERE = np.float32(-1e9)  # reach of a block without sources
@@ -38,6 +38,21 @@ FOCUS_EXPONENT = 18.0
 LARGEST_EXPONENT = 80.0
 
 RATIONAL, EXPONENTIAL, STOPPED = 0, 1, 2
+_ONE = np.float32(1.0)
+_LIMIT = np.float32(100.0)  # 1 / (1 + 2 ** +-100) is 0 or 1 in float32
+
+
+@njit(error_model="numpy")
+def logistic2(x):
+    """1 / (1 + 2 ** x), eight lanes."""
+    return _ONE / (_ONE + exp2_fast8(max8(min8(x, _LIMIT), -_LIMIT)))
+
+
+@njit(error_model="numpy")
+def half_width(radius, dy):
+    """Half of the chord at `dy` from the centre, whole pixels; -1 where the circle doesn't reach that far."""
+    rest = radius * radius - np.float32(dy) * np.float32(dy)
+    return int(np.sqrt(rest)) if radius >= 0 and rest >= 0 else -1
 
 
 class Geometry(NamedTuple):
@@ -110,7 +125,7 @@ def geometry(
 ) -> Geometry:
     """Sizes for an image whose largest radius is `largest` pixels; brightest, mean: of its magnitudes, both finite.
     stopped: whether the aperture has a central stop."""
-    # Tails matter more beside a highlight. They also matter more for sharp sources if most other sources spread far
+    # Tails matter more next to a highlight. They also matter more for sharp sources if most other sources spread far
     # beyond a small image, so that little of their light remains in it.
     contrast = max(1.0, brightest / max(mean, SMALLEST_MEAN) / USUAL_CONTRAST)
     spread = max(1.0, largest**2 / (height * width))
@@ -145,14 +160,10 @@ def edges(sizes: Geometry, largest: float, alpha: float, shape: ApertureShape) -
     scale = 2.0 * alpha * math.log2(math.e)
     stopped = shape.obstruction > 0
     return Edges(
-        kind=STOPPED if stopped else EXPONENTIAL,
-        folded=folded,
-        base=0.0,
-        outer=(scale * distance).astype(np.float32).ravel(),
-        slope=(scale * factor).astype(np.float32).ravel(),
-        stop=np.float32(shape.obstruction),
-        opacity=np.float32(STOP_OPACITY if stopped else 0.0),
-    )
+        kind=STOPPED if stopped else EXPONENTIAL, folded=folded, base=0.0,
+        outer=(scale * distance).astype(np.float32).ravel(), slope=(scale * factor).astype(np.float32).ravel(),
+        stop=np.float32(shape.obstruction), opacity=np.float32(STOP_OPACITY if stopped else 0.0),
+    )  # fmt: skip
 
 
 @cached

@@ -1,23 +1,24 @@
-"""The scatter on a GPU: float32, Triton, two forms with one result (see reference.py for the definition)."""
+"""The scatter on a GPU: float32, Triton, two forms with one result (see op.py).
+
+Both forms take any aperture; "auto" chooses for each tile of pixels, on the device."""
 
 from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.core.lens import ALPHA, ApertureShape, Energy
+from dofbench.core.lens import ApertureShape
 from dofbench.runtime.backend import Backend
-from dofbench.runtime.gpu_launch import kernels, kernels_device, launch
+from dofbench.runtime.gpu_launch import kernels, launch
 
-from .reference import STOP_OPACITY, check
+from .op import STOP_OPACITY, in_threes, joined
 
 BACKEND = Backend(devices=("cuda",), dtypes=("float32",), bits_repeat=True)
-_COLOURS = 3
 _TILE = {"TILE_Y": 8, "TILE_X": 32}
 _WINDOWS = {"FINE": 4, "COARSE": 16}
 _BLOCK = 512
@@ -29,32 +30,9 @@ _FROM = {"auto": 24.0, "direct": math.inf, "linear": 0.0}
 _LARGEST_RADIUS = torch.finfo(torch.float32).tiny ** -0.5
 
 
-def scatter(
-    image: Tensor,
-    signed_radius: Tensor,
-    *,
-    alpha: float = ALPHA,
-    shape: ApertureShape = ApertureShape(),
-    energy: Energy = "area",
-    form: Literal["auto", "direct", "linear"] = "auto",
-) -> Tensor:
-    """Blur `image`, (H, W, C) linear light, by `signed_radius`, (H, W) pixels; (H, W, C).
-
-    float32 on a GPU. Differentiable with respect to both, with d|s|/ds = +1 at s = 0. The same input gives the same
-    bits. Both forms take any aperture; "auto" chooses for each tile of pixels, on the device. A radius that isn't
-    finite, or above 9e18, makes the pixels that it reaches NaN instead of raising, since raising would have the host
-    wait for the device. Raises ValueError for other tensors and for unknown options.
-    """
-    check(image, signed_radius, alpha, energy, form, kernels_device())
-    channels = image.shape[2]
-    groups = []
-    for first in range(0, channels, _COLOURS):
-        colours = image[..., first : first + _COLOURS]
-        if colours.shape[2] < _COLOURS:
-            colours = torch.nn.functional.pad(colours, (0, _COLOURS - colours.shape[2]))
-        groups.append(_Scatter.apply(colours.contiguous(), signed_radius, alpha, shape, energy == "area", form))
-    blurred = groups[0] if len(groups) == 1 else torch.cat(groups, dim=2)
-    return blurred if blurred.shape[2] == channels else blurred[..., :channels].contiguous()
+def scatter(image, signed_radius, alpha, shape, area, form):
+    groups = [_Scatter.apply(colours, signed_radius, alpha, shape, area, form) for colours in in_threes(image)]
+    return joined(groups, image.shape[2])
 
 
 class _Aperture(NamedTuple):
@@ -107,20 +85,10 @@ def _regions(
     chunk_columns = -(-width // fine)
     chunks = torch.empty(4, height, chunk_columns, device=image.device)
     launch(
-        windows.chunk_bounds,
-        (height, -(-chunk_columns // _CHUNKS)),
-        image,
-        radius,
-        bright,
-        chunks,
-        farthest,
-        linear_from,
-        width,
-        chunk_columns,
-        *lengths,
-        FINE=fine,
-        BLOCK=_CHUNKS,
-    )
+        windows.chunk_bounds, (height, -(-chunk_columns // _CHUNKS)), image, radius, bright, chunks, farthest,
+        linear_from, width, chunk_columns, *lengths,
+        FINE=fine, BLOCK=_CHUNKS,
+    )  # fmt: skip
     bounds = []
     rows = height + _TILE["TILE_Y"] - 1
     before = _TILE["TILE_X"] + coarse
@@ -192,24 +160,10 @@ class _Scatter(torch.autograd.Function):
         if form != "direct":
             regions = _regions(image, signed_radius, bright, farthest, linear_from, lengths)
             launch(
-                kernels("scatter.gpu_linear").gather_windows,
-                tiles,
-                planes,
-                *_window_sums(planes[1:], farthest, linear_from),
-                *regions,
-                window,
-                blurred,
-                total,
-                height,
-                width,
-                regions[1].shape[2],
-                linear_from,
-                aperture.steepest,
-                *options,
-                **kind,
-                **_TILE,
-                **_WINDOWS,
-            )
+                kernels("scatter.gpu_linear").gather_windows, tiles, planes,
+                *_window_sums(planes[1:], farthest, linear_from), *regions, window, blurred, total, height, width,
+                regions[1].shape[2], linear_from, aperture.steepest, *options, **kind, **_TILE, **_WINDOWS,
+            )  # fmt: skip
         context.save_for_backward(image, signed_radius, blurred, total, reach, bounds, farthest, aperture.factors)
         context.form, context.options, context.steepest = form, options, aperture.steepest
         context.kind = {"AREA": area} | kind
@@ -233,7 +187,7 @@ class _Scatter(torch.autograd.Function):
             launch(direct.gather_gradient, tiles, targets, reach, *results, *context.options, **context.kind, **_TILE)
         if context.form != "direct":
             launch(
-                kernels("scatter.gpu_linear_backward").gather_gradient_windows,
+                kernels("scatter.gpu_linear").gather_gradient_windows,
                 tiles,
                 targets,
                 *_window_sums(targets, farthest, linear_from),

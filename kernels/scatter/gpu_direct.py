@@ -27,7 +27,7 @@ from .gpu_rim import (
 @triton.jit
 def pack_sources(image, signed_radius, planes, sums, size, largest_radius, AREA: tl.constexpr, BLOCK: tl.constexpr):
     """Planes of radius, share times colour, share. A radius that isn't finite, or above the largest, gets the share
-    NaN, so that whoever looks at the picture finds it. sums: (5, programs), of which the first three rows are written:
+    NaN, and so the image NaN. sums: (5, programs), of which the first three rows are written:
     a block's largest magnitude, the sum of its magnitudes, and its largest radius that is a number."""
     at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     inside = at < size
@@ -206,7 +206,7 @@ def gather(
     blue = tl.zeros((TILE_Y, TILE_X), tl.float32)
     weights = tl.zeros((TILE_Y, TILE_X), tl.float32)
     rows = tl.minimum(far, height - 1)
-    # Rows and columns outside of the image are left out.
+    # Rows and columns outside of the image are skipped.
     for dy in range(tl.maximum(-rows, -top - (TILE_Y - 1)), tl.minimum(rows, height - 1 - top) + 1):
         columns = tl.minimum(tl.sqrt((far * far - dy * dy).to(tl.float32)).to(tl.int32) + 1, width - 1)
         row = y + dy
@@ -220,8 +220,8 @@ def gather(
 
 @triton.jit
 def pack_targets(gradient, blurred, total, planes, size, BLOCK: tl.constexpr):
-    """Planes of what a weight at each target is worth: the gradient by colour over the sum of weights, and its product
-    with the blurred colour, which the sum of weights costs."""
+    """Planes of what a weight at each target is worth: the gradient with respect to colour over the sum of weights, and
+    its product with the blurred colour, which the sum of weights costs."""
     at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     inside = at < size
     over = 1.0 / tl.load(total + at, mask=inside, other=1.0)
@@ -265,7 +265,8 @@ def store_gradient(
     red, green, blue, costs, by_rim, own_red, own_green, own_blue, signed, by_image, by_radius, at, inside,
     AREA: tl.constexpr,
 ):  # fmt: skip
-    """Gradients by a source's colour and signed radius from its sums over targets: see `gather_gradient`."""
+    """Gradients with respect to a source's colour and signed radius from its sums over targets: see
+    `gather_gradient`."""
     radius = tl.abs(signed)
     share = tl.zeros_like(radius) + 1.0
     gradient = by_rim
@@ -287,9 +288,8 @@ def gather_gradient(
     """Each source's gradient, from the targets that it reaches.
 
     The weight is rim times share. Summed up are rim times worth (red, green, blue), rim times cost, and the rim's slope
-    by the radius times the gradient by the weight. Tiles that reach `linear_from` pixels or more are left to the linear
-    form.
-    """
+    by the radius times the gradient with respect to the weight. Tiles that reach `linear_from` pixels or more are left
+    to the linear form."""
     far = tl.ceil(tl.load(reach + tl.program_id(0) * tl.num_programs(1) + tl.program_id(1))).to(tl.int32)
     if far >= linear_from:
         return
@@ -309,7 +309,7 @@ def gather_gradient(
     costs = tl.zeros((TILE_Y, TILE_X), tl.float32)
     by_rim = tl.zeros((TILE_Y, TILE_X), tl.float32)
     rows = tl.minimum(far, height - 1)
-    # Rows and columns outside of the image are left out.
+    # Rows and columns outside of the image are skipped.
     for dy in range(tl.maximum(-rows, -top - (TILE_Y - 1)), tl.minimum(rows, height - 1 - top) + 1):
         columns = tl.minimum(tl.sqrt((far * far - dy * dy).to(tl.float32)).to(tl.int32) + 1, width - 1)
         row = y + dy

@@ -1,8 +1,7 @@
-"""What both forms of the scatter on a GPU share: a circle's soft rim, how far it is followed, an aperture's directions.
+"""Shared by both forms of the scatter on a GPU: a circle's soft rim, how far it is followed, an aperture's directions.
 
 Device functions only. Lengths are pixels. Where a function says (1, 1), that is because loop counters are Python's own
-numbers when kernels are interpreted, and need a tensor beside them.
-"""
+numbers when kernels are interpreted, and need a tensor besides."""
 
 from __future__ import annotations
 
@@ -11,7 +10,7 @@ import triton.language as tl
 
 from dofbench.core import lens
 
-from . import reference
+from . import op
 
 # Sources are followed until exp(-tail) of their full weight, as on the CPU (cpu_pack.py).
 BAND_EXPONENT = tl.constexpr(12.0)
@@ -20,9 +19,9 @@ USUAL_CONTRAST = tl.constexpr(4.0)
 BRIGHT = tl.constexpr(2.718281828459045 * 4.0)
 SMALLEST_MEAN = tl.constexpr(1e-30)
 AREA_EPSILON = tl.constexpr(lens.AREA_EPSILON)
-STOP_OPACITY = tl.constexpr(reference.STOP_OPACITY)
+STOP_OPACITY = tl.constexpr(op.STOP_OPACITY)
 LOG2_E = tl.constexpr(1.4426950408889634)
-# The table of factors reaches this much farther across than a picture, since windows of several offsets may.
+# The table of factors reaches this much farther across than a image, since windows of several offsets may.
 MARGIN = tl.constexpr(16)
 
 
@@ -56,7 +55,7 @@ def weight_of(radius, distance, steepness, obstruction, STOPPED: tl.constexpr):
 @triton.jit
 def weight_and_slope(radius, factor, distance, alpha, obstruction, STOPPED: tl.constexpr):
     """The same, of a source of radius `radius` along a corner and `factor` times that in the target's direction; and
-    its derivative by that radius."""
+    its derivative with respect to that radius."""
     steepness = 2.0 * alpha * LOG2_E
     weight = _edge(radius * factor - distance, steepness)
     slope = 2.0 * alpha * factor * weight * (1.0 - weight)
@@ -71,10 +70,10 @@ def weight_and_slope(radius, factor, distance, alpha, obstruction, STOPPED: tl.c
 
 @triton.jit
 def band_of(peak, brightness, pixels, stop):
-    """Exponent at which a source's tail is left out. peak: its largest magnitude. brightness: largest and mean
-    magnitude of the image, and the largest radius, on the device. stop: what an obstruction adds to the exponents."""
+    """Exponent at which a source's tail is skipped. peak: its largest magnitude. brightness: largest and mean magnitude
+    of the image, and the largest radius, on the device. stop: what an obstruction adds to the exponents."""
     largest, mean, widest = tl.load(brightness), tl.load(brightness + 1), tl.load(brightness + 2)
-    # Tails matter more beside a highlight, and for sharp sources where the others spread far beyond a small image.
+    # Tails matter more next to a highlight, and for sharp sources where the others spread far beyond a small image.
     contrast = tl.maximum(1.0, largest / tl.maximum(mean, SMALLEST_MEAN) / USUAL_CONTRAST)
     spread = tl.maximum(1.0, widest * widest / pixels)
     common = BAND_EXPONENT + tl.log(spread) + stop

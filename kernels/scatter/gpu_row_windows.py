@@ -19,7 +19,7 @@ def add_windows(
 ):  # fmt: skip
     """Sums of COUNT values of a row, STEP columns apart. values: (rows, width); sums: (rows, columns), whose first
     column is STEP (COUNT - 1) columns before that of values. farthest: the largest reach of all tiles; below
-    linear_from, nobody needs the sums."""
+    linear_from, the sums aren't needed."""
     if tl.load(farthest) < linear_from:
         return
     row = tl.program_id(0)

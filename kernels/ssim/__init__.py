@@ -1,1 +1,1 @@
-"""The colour loss of a training: `ssim` and `l1_ssim` in `reference.py` (torch) and `cpu.py` (numba)."""
+"""The colour loss of a training: `ssim` and `l1_ssim`."""

@@ -9,9 +9,9 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from dofbench.runtime.backend import Backend
-from dofbench.runtime.gpu_launch import check_tensors, kernels, launch
+from dofbench.runtime.gpu_launch import kernels, launch
 
-from .reference import K1, K2, Border, Settings, check_images, check_weight, gaussian_window
+from .op import K1, K2, Border, gaussian_window
 
 BACKEND = Backend(devices=("cuda",), dtypes=("float32",), bits_repeat=True)
 _BLOCK = 256
@@ -48,32 +48,27 @@ class _Compare(torch.autograd.Function):
     target|; and the error of the edges. Differentiable with respect to the prediction."""
 
     @staticmethod
-    def forward(
-        context,
-        prediction: Tensor,
-        target: Tensor,
-        weight: Tensor | None,
-        settings: Settings,
-        shares: tuple[float, float, float],
-    ):
+    def forward(context, prediction, target, weight, settings, kind, shares):
+        border, side, sigma, data_range = settings
+        with_l1, weigh_all, with_edges = kind
         windows = kernels("ssim.gpu_windows")
         prediction, target = prediction.contiguous(), target.contiguous()
         height, width, channels = prediction.shape
         length, device = width * channels, prediction.device
-        taps = _window(settings.window, settings.sigma, device)
-        frame_y, counted_y = _frame(height, settings.window, settings.sigma, settings.border, device)
-        frame_x, counted_x = _frame(width, settings.window, settings.sigma, settings.border, device)
-        centre = 0.5 * settings.data_range
-        radius = settings.window // 2
-        kind = {
+        taps = _window(side, sigma, device)
+        frame_y, counted_y = _frame(height, side, sigma, border, device)
+        frame_x, counted_x = _frame(width, side, sigma, border, device)
+        centre = 0.5 * data_range
+        radius = side // 2
+        constants = {
             "RADIUS": radius,
             "WEIGHTED": weight is not None,
-            "WEIGH_ALL": settings.weigh_all and weight is not None,
-            "L1": settings.with_l1,
-            "EDGES": settings.with_edges,
+            "WEIGH_ALL": weigh_all and weight is not None,
+            "L1": with_l1,
+            "EDGES": with_edges,
             "BLOCK": _BLOCK,
         }
-        # A kernel that knows no weight never looks at what stands in its place.
+        # A kernel without a weight never reads this place.
         weights = target if weight is None else weight.contiguous()
         grid = -(-length // _BLOCK), height
         maps = torch.empty(4, height, length, device=device)
@@ -86,7 +81,7 @@ class _Compare(torch.autograd.Function):
         launch(
             windows.compare, grid, prediction, target, weights, taps, frame_y, frame_x, maps, slopes, sums,
             height, length, channels, centre,
-            (K1 * settings.data_range) ** 2, (K2 * settings.data_range) ** 2, **kind,
+            (K1 * data_range) ** 2, (K2 * data_range) ** 2, **constants,
         )  # fmt: skip
         # Numbers in a row, and in a column, that have a neighbour behind them; never 0, since they are divided by.
         pairs = max(height * (width - 1) * channels, 1), max((height - 1) * width * channels, 1)
@@ -97,12 +92,12 @@ class _Compare(torch.autograd.Function):
             tuple(share / count for share, count in zip((unlike, l1, edges, edges), counts, strict=True)), device
         )
         context.save_for_backward(prediction, target, weights, slopes, factors)
-        context.call = taps, centre, kind, grid
+        context.call = taps, centre, constants, grid
         return (sums.sum(0, dtype=torch.float64) * exact).sum().float()
 
     @staticmethod
     @once_differentiable
-    def backward(context, by_sum: Tensor):
+    def backward(context, by_sum):
         windows = kernels("ssim.gpu_windows")
         prediction, target, weights, slopes, factors = context.saved_tensors
         taps, centre, kind, grid = context.call
@@ -117,49 +112,14 @@ class _Compare(torch.autograd.Function):
             windows.gradient, grid, prediction, target, weights, taps, maps, by_sum * factors, result,
             height, length, channels, centre, **kind,
         )  # fmt: skip
-        return result, None, None, None, None
+        return result, None, None, None, None, None
 
 
-def ssim(
-    prediction: Tensor,
-    target: Tensor,
-    *,
-    border: Border = "same",
-    window: int = 11,
-    sigma: float = 1.5,
-    data_range: float = 1.0,
-) -> Tensor:
-    """Mean structural similarity; see `reference.ssim`. float32 on a GPU, differentiable with respect to `prediction`.
-
-    Raises ValueError for invalid arguments.
-    """
-    check_images(prediction, target, border, window, sigma, data_range)
-    check_tensors("ssim", prediction=prediction, target=target)
-    settings = Settings(border, window, sigma, data_range, with_l1=False, weigh_all=False, with_edges=False)
-    return 1 - _Compare.apply(prediction, target, None, settings, (1.0, 0.0, 0.0))
+def ssim(prediction, target, border, window, sigma, data_range):
+    settings = border, window, sigma, data_range
+    return 1 - _Compare.apply(prediction, target, None, settings, (False, False, False), (1.0, 0.0, 0.0))
 
 
-def l1_ssim(
-    prediction: Tensor,
-    target: Tensor,
-    *,
-    ssim_weight: float,
-    weight: Tensor | None = None,
-    weigh_all: bool = False,
-    edge_weight: float = 0.0,
-    border: Border = "same",
-    window: int = 11,
-    sigma: float = 1.5,
-    data_range: float = 1.0,
-) -> Tensor:
-    """(1 - ssim_weight) L1 + ssim_weight (1 - SSIM) + edge_weight times the error of the edges; see
-    `reference.l1_ssim`. float32 on a GPU.
-
-    Raises ValueError for invalid arguments.
-    """
-    check_images(prediction, target, border, window, sigma, data_range)
-    check_weight(prediction, weight)
-    check_tensors("ssim", prediction=prediction, target=target, weight=weight)
-    settings = Settings(border, window, sigma, data_range, True, weigh_all, with_edges=edge_weight != 0)
-    shares = ssim_weight, 1 - ssim_weight, edge_weight
-    return _Compare.apply(prediction, target, weight, settings, shares)
+def l1_ssim(prediction, target, ssim_weight, weight, weigh_all, edge_weight, border, window, sigma, data_range):
+    settings, kind = (border, window, sigma, data_range), (True, weigh_all, edge_weight != 0)
+    return _Compare.apply(prediction, target, weight, settings, kind, (ssim_weight, 1 - ssim_weight, edge_weight))

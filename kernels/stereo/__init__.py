@@ -1,2 +1,1 @@
-"""Plane-sweep stereo: `stereo`, `upsample`, `semiglobal` and `returns` in `reference.py` (torch), `cpu.py` (numba) and
-`gpu.py` (Triton)."""
+"""Plane-sweep stereo: `stereo`, `upsample`, `semiglobal` and `returns`."""

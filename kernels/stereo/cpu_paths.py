@@ -13,7 +13,7 @@ from dofbench.runtime.simd import LANES, bits8, lanes8, largest8, select8, splat
 from dofbench.runtime.simd_functions import abs8, min8
 from dofbench.runtime.simd_memory import load8, store8
 
-from .reference import FAR
+from .op import FAR
 
 COLUMNS = 16  # columns per task of the vertical paths
 _F = np.float32
@@ -124,18 +124,9 @@ def down_columns(scores, guide, shape, known, small, large, edge, left, right, t
                     jump = _jump(guide, at, at if k == 0 else at - width if down else at + width, small, large, edge)
                     goal = (row * wide + start - left + column) * count
                     lowest[column] = _step(
-                        one[column],
-                        two[column],
-                        lowest[column],
-                        scores,
-                        at * count,
-                        count,
-                        small,
-                        jump,
-                        total,
-                        goal,
+                        one[column], two[column], lowest[column], scores, at * count, count, small, jump, total, goal,
                         True,
-                    )
+                    )  # fmt: skip
                     if not down:
                         winner, cost, second = _choose(total, goal, count)
                         shift = _ZERO

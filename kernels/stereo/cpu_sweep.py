@@ -14,7 +14,7 @@ from dofbench.runtime.simd import LANES, lanes8, select8, splat8
 from dofbench.runtime.simd_functions import floor8, max8, min8, sqrt8
 from dofbench.runtime.simd_memory import gather8, gather_pairs8, load8, store8, store_whole8
 
-from .reference import FLOOR, UNKNOWN
+from .op import FLOOR, UNKNOWN
 
 ROWS, COLUMNS = 32, 256  # size of a tile
 PLANES = 8  # number of planes that a tile finishes together, which are adjacent in the result
@@ -177,22 +177,10 @@ def sweep(reference, sources, maps, disparities, radius, window, best, scores):
                 largest[:] = -_INFINITY
                 for source in range(len(maps)):
                     _warp(
-                        images[source],
-                        source_height,
-                        source_width,
-                        maps[source],
-                        disparities[first + index],
-                        top - radius,
-                        left - radius,
-                        rows + 2 * radius,
-                        pitch - LANES,
-                        warped,
-                        inside,
-                        pitch,
-                        at,
-                        along,
+                        images[source], source_height, source_width, maps[source], disparities[first + index],
+                        top - radius, left - radius, rows + 2 * radius, pitch - LANES, warped, inside, pitch, at, along,
                         down,
-                    )
+                    )  # fmt: skip
                     for row in range(rows):
                         # Updated sums accumulate rounding errors, so every tile starts with fresh sums.
                         if row == 0:
@@ -200,19 +188,9 @@ def sweep(reference, sources, maps, disparities, radius, window, best, scores):
                         else:
                             _further(warped, patch, row * pitch, pitch, window, padded + 2 * radius, sums)
                         _correlate(
-                            sums,
-                            pitch,
-                            window,
-                            padded,
-                            own,
-                            deviation,
-                            inside,
-                            row * padded,
-                            (row + radius) * pitch + radius,
-                            largest,
-                            layer,
-                            best,
-                        )
+                            sums, pitch, window, padded, own, deviation, inside, row * padded,
+                            (row + radius) * pitch + radius, largest, layer, best,
+                        )  # fmt: skip
                 _mean_of_best(largest, layer, best, index * layer, layer, together)
             for row in range(rows):
                 for column in range(columns):

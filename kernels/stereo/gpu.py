@@ -1,4 +1,4 @@
-"""Plane-sweep stereo on a GPU: float32, Triton; see `reference.py`."""
+"""Plane-sweep stereo on a GPU: float32, Triton; see op.py."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import torch
 from torch import Tensor
 
 from dofbench.runtime.backend import Backend
-from dofbench.runtime.gpu_launch import check_tensors, kernels, launch
+from dofbench.runtime.gpu_launch import kernels, launch
 
-from .reference import CENTRE, FLOOR, check
+from .op import CENTRE, FLOOR
 
 BACKEND = Backend(devices=("cuda",), dtypes=("float32",), bits_repeat=True)
 SCRATCH = 2**26  # bytes for the sums of the planes that are swept together: about as much as a GPU's cache holds
@@ -19,18 +19,12 @@ _COSTS = 512  # of pixels times planes, in a program that chooses planes
 _PLANES_OF_A_WARP = 128  # four in a thread
 
 
-def stereo(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor, *, radius: int, best: int) -> Tensor:
-    """Scores (H, W, D) of each pixel at each plane; see `reference.stereo`. float32 on a GPU.
-
-    maps and disparities may be float64. It has no gradient. Raises ValueError for invalid arguments.
-    """
-    check(reference, sources, maps, disparities, radius, best)
-    check_tensors("stereo", reference=reference, sources=sources)
+def stereo(reference, sources, maps, disparities, radius, best):
     sweep = kernels("stereo.gpu_sweep")
     (height, width), (source_count, source_height, source_width) = reference.shape, sources.shape
-    own, others = (reference.detach() - CENTRE).contiguous(), (sources.detach() - CENTRE).contiguous()
+    own, others = (reference - CENTRE).contiguous(), (sources - CENTRE).contiguous()
     mean, deviation = _statistics(own, radius)
-    homographies = _homographies(maps.detach().double(), disparities.detach().double()).float()
+    homographies = _homographies(maps.double(), disparities.double()).float()
     count, wide = len(disparities), width + 2 * radius
     scores = torch.empty(height, width, count, device=own.device)
     together = max(1, min(_LARGEST_GRID // source_count, SCRATCH // (4 * 3 * source_count * height * wide)))
@@ -64,30 +58,20 @@ def _homographies(maps: Tensor, disparities: Tensor) -> Tensor:
     return found
 
 
-def upsample(scores: Tensor, coarse: Tensor, share: float) -> None:
-    """Mix a coarser level's scores, enlarged, into scores (H, W, D), in place; see `reference.upsample`."""
-    check_tensors("stereo", scores=scores, coarse=coarse)
+def upsample(scores, coarse, share):
     (height, width, count), mixed = scores.shape, scores.contiguous()
     grid = -(-width * count // _BLOCK), height
     launch(
-        kernels("stereo.gpu_upsample").add_coarse, grid, mixed, coarse.contiguous(), float(share),
+        kernels("stereo.gpu_pixels").add_coarse, grid, mixed, coarse, float(share),
         height, width, count, *coarse.shape, BLOCK=_BLOCK,
     )  # fmt: skip
     if not scores.is_contiguous():
         scores.copy_(mixed)
 
 
-def semiglobal(
-    scores: Tensor, guide: Tensor, *, small: float, large: float, edge: float
-) -> tuple[Tensor, Tensor, Tensor]:
-    """(plane, score, margin), each (H, W); see `reference.semiglobal`. float32 on a GPU.
-
-    It uses as much memory as the scores in addition to them.
-    """
-    check_tensors("stereo", scores=scores, guide=guide)
+def semiglobal(scores, guide, small, large, edge):
     paths = kernels("stereo.gpu_paths")
     height, width, count = scores.shape
-    scores, guide = scores.contiguous(), guide.contiguous()
     total = torch.empty_like(scores)
     planes = 1 << (count - 1).bit_length()
     last, penalties = height * width - 1, (float(small), float(large), float(edge))
@@ -111,16 +95,14 @@ def semiglobal(
     return plane, score, margin
 
 
-def returns(depth: Tensor, other: Tensor, there: Tensor, back: Tensor, *, pixels: float, share: float) -> Tensor:
-    """Where another view sees the same surface, (H, W) bool; see `reference.returns`. Coordinates are float64."""
-    check_tensors("stereo", depth=depth, other=other)
+def returns(depth, other, there, back, pixels, share):
     found = torch.empty(depth.shape, dtype=torch.bool, device=depth.device)
-    matrices = [matrix.double().contiguous() for matrix in (there, back)]
+    matrices = [matrix.contiguous() for matrix in (there, back)]
     # Triton passes numbers on as float32, tensors as they are.
     limits = torch.stack([matrices[0].new_full((), limit) for limit in (pixels**2, share)])
     grid = (-(-depth.numel() // _BLOCK),)
     launch(
-        kernels("stereo.gpu_returns").find_returns, grid, depth.contiguous(), other.contiguous(), *matrices, limits,
+        kernels("stereo.gpu_pixels").find_returns, grid, depth, other, *matrices, limits,
         found, *depth.shape, *other.shape, BLOCK=_BLOCK,
     )  # fmt: skip
     return found

@@ -9,9 +9,9 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from . import reference as definition
+from . import op
 
-FAR = tl.constexpr(definition.FAR)
+FAR = tl.constexpr(op.FAR)
 
 
 @triton.jit

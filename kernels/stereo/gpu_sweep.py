@@ -9,10 +9,10 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
-from . import reference as definition
+from . import op
 
-FLOOR = tl.constexpr(definition.FLOOR)
-UNKNOWN = tl.constexpr(definition.UNKNOWN)
+FLOOR = tl.constexpr(op.FLOOR)
+UNKNOWN = tl.constexpr(op.UNKNOWN)
 
 
 @triton.jit
@@ -29,7 +29,7 @@ def _project(matrix, x, y):
     """(u, v, w): image coordinates in the source, and the third of the homogeneous ones."""
     a, b, c, d, e, f, g, h, i = matrix
     w = g * x + (h * y + i)
-    # Triton's own quotient may be two units in the last place off, which moves samples at a wide picture's far side.
+    # Triton's own quotient may be two units in the last place off, which moves samples at a wide image's far side.
     scale = tl.div_rn(1.0, w)
     return (a * x + (b * y + c)) * scale, (d * x + (e * y + f)) * scale, w
 

@@ -1,8 +1,4 @@
-"""Plane-sweep stereo, the definition: plain torch, any floating type.
-
-Sources: Collins, "A space-sweep approach to true multi-image matching", CVPR 1996, for the sweep over planes;
-Hirschmueller, "Stereo processing by semiglobal matching and mutual information", TPAMI 2008, section 2.3, for paths.
-"""
+"""The definition of plane-sweep stereo: plain torch, any floating type; see op.py."""
 
 from __future__ import annotations
 
@@ -11,40 +7,12 @@ from torch import Tensor
 
 from dofbench.runtime.backend import Backend
 
+from .op import CENTRE, FAR, FLOOR, UNKNOWN
+
 BACKEND = Backend(devices=("cpu", "cuda"), dtypes=("float64", "float32"), bits_repeat=False)
-# Added to both variances, in squared encoded values, so that noise and rounding in flat patches don't correlate
-FLOOR = 2e-5
-UNKNOWN = 0.0  # score of a pixel that no source sees, equal to that of two unrelated patches
-CENTRE = 0.5  # subtracted from the images, since sums of squares around zero lose fewer digits
-FAR = 2  # planes within this distance of the best one aren't alternatives to it
 
 
-def check(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor, radius: int, best: int) -> None:
-    """Raise ValueError, naming what was found and expected, for arguments `stereo` can't take."""
-    if reference.ndim != 2 or sources.ndim != 3:
-        raise ValueError(
-            f"stereo: expected images (H, W) and (S, h, w), found {tuple(reference.shape)}, {tuple(sources.shape)}"
-        )
-    if tuple(maps.shape) != (len(sources), 3, 4) or disparities.ndim != 1:
-        raise ValueError(
-            f"stereo: expected maps ({len(sources)}, 3, 4) and disparities (D,), found "
-            f"{tuple(maps.shape)}, {tuple(disparities.shape)}"
-        )
-    if radius < 1 or not 1 <= best <= len(sources):
-        raise ValueError(f"stereo: expected radius >= 1 and best in 1 ... {len(sources)}, found {radius}, {best}")
-
-
-def stereo(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor, *, radius: int, best: int) -> Tensor:
-    """How well each pixel matches the other views at each plane: (H, W, D), -1 ... 1.
-
-    reference: (H, W) and sources: (S, h, w), grey, encoded. maps: (S, 3, 4); the first three columns
-    times (x, y, 1) plus the last times disparity is the homogeneous image coordinate in the source.
-    disparities: (D,), 1 / scene unit. The score of a source is the normalised cross-correlation over a
-    window of 2 radius + 1 pixels, a plane of constant depth; the score of a pixel is the mean of the `best` largest
-    among the sources into which it projects (of all these sources if they are fewer), as the surface may be occluded in
-    some. Outside an image its border pixels are repeated.
-    """
-    check(reference, sources, maps, disparities, radius, best)
+def stereo(reference: Tensor, sources: Tensor, maps: Tensor, disparities: Tensor, radius: int, best: int) -> Tensor:
     height, width = reference.shape
     side = 2 * radius + 1
     rows = torch.arange(-radius, height + radius, device=reference.device)
@@ -93,10 +61,6 @@ def _bilinear(image: Tensor, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def upsample(scores: Tensor, coarse: Tensor, share: float) -> None:
-    """Mix the enlarged scores of a coarser level (h, w, d) into scores (H, W, D), in place, with the weight `share`.
-
-    Linear along all three axes. Pixels are areas, as in images; the first and the last plane are the same in both.
-    """
     planes = torch.nn.functional.interpolate(coarse, scores.shape[2], mode="linear", align_corners=True)
     enlarged = torch.nn.functional.interpolate(
         planes.permute(2, 0, 1)[None], scores.shape[:2], mode="bilinear", align_corners=False
@@ -104,17 +68,7 @@ def upsample(scores: Tensor, coarse: Tensor, share: float) -> None:
     scores += share * (enlarged[0].permute(1, 2, 0) - scores)
 
 
-def semiglobal(
-    scores: Tensor, guide: Tensor, *, small: float, large: float, edge: float
-) -> tuple[Tensor, Tensor, Tensor]:
-    """The plane of each pixel by semiglobal matching along the four axes: (plane, score, margin), each (H, W).
-
-    scores: (H, W, D); a plane's cost is its negative score. guide: (H, W), the grey image: a jump of
-    more than one plane costs `large` / (1 + |difference of grey| / edge), but never less than `small`,
-    what a change by one plane costs. plane: fractional index, refined by a parabola through the summed
-    costs. score: the pixel's own at the nearest whole plane. margin: how much more, in the mean over the paths, the
-    best plane more than two planes away costs.
-    """
+def semiglobal(scores: Tensor, guide: Tensor, small: float, large: float, edge: float) -> tuple[Tensor, Tensor, Tensor]:
     height, width, count = scores.shape
     total = torch.zeros_like(scores)
     for axis, size in ((1, width), (0, height)):
@@ -149,15 +103,7 @@ def semiglobal(
     return winner + shift, scores.gather(-1, winner[..., None])[..., 0], (second - least) / 4
 
 
-def returns(depth: Tensor, other: Tensor, there: Tensor, back: Tensor, *, pixels: float, share: float) -> Tensor:
-    """Where another view sees the same surface: (H, W) bool.
-
-    depth: (H, W) and other: (h, w), z in scene units, 0 where unknown. there: (3, 4), the first three columns times
-    (x, y, 1) times z plus the last is the homogeneous image coordinate in the other view, whose third component is z
-    there; back: the same in the other direction. A pixel is projected to the other view by its depth, and projected
-    back with the depth of the pixel that it falls into. It must return to within `pixels` of its origin, with a
-    relative difference of depth below `share`.
-    """
+def returns(depth: Tensor, other: Tensor, there: Tensor, back: Tensor, pixels: float, share: float) -> Tensor:
     rows, columns = torch.meshgrid(
         *(torch.arange(size, dtype=there.dtype, device=depth.device) + 0.5 for size in depth.shape), indexing="ij"
     )

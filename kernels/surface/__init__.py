@@ -1,2 +1,1 @@
-"""What a rendered depth says: the disparity of its surfaces, their circles of confusion, and how far it is from known
-depth."""
+"""The disparity of rendered surfaces, circles of confusion and depth errors: `surface`, `circle`, `known_depth`."""

@@ -2,64 +2,30 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from dofbench.runtime.backend import Backend
-from dofbench.runtime.kernel_cache import is_compiled
+from dofbench.runtime.kernel_cache import cpu_backend
 
 from . import cpu_loops as compiled
-from .reference import LEAST_SHARES, check_shapes
+from . import op
+from .op import LEAST_SHARES
 
 _NOTHING = np.empty((0, 0), dtype=np.float32)  # what the kernels take for no weight
 _NO_SHARES = np.empty(0, dtype=np.float32)
 
 
-def surface(depth: Tensor, alpha: Tensor, least_alpha: float) -> Tensor:
-    """See `reference.surface`. float32 on the CPU; raises ValueError for another type, device or shape."""
-    _check(depth=depth, alpha=alpha)
-    check_shapes(depth, alpha)
+def surface(depth, alpha, least_alpha):
     return _Surface.apply(depth, alpha, least_alpha)
 
 
-def circle(
-    disparity: Tensor,
-    slope: Tensor | float,
-    offset: Tensor | float,
-    *,
-    low: float,
-    extent: float,
-    scale: float,
-    clipped: tuple[float, float] = (-math.inf, math.inf),
-) -> Tensor:
-    """See `reference.circle`. float32 on the CPU; raises ValueError for another type or device."""
-    _check(disparity=disparity)
+def circle(disparity, slope, offset, low, extent, scale, clipped):
     return _Circle.apply(disparity, slope, offset, (low, extent, scale, *clipped))
 
 
-def known_depth(
-    depth: Tensor,
-    alpha: Tensor,
-    rows: Tensor,
-    columns: Tensor,
-    known: Tensor,
-    shares: Tensor | None,
-    weight: Tensor | None,
-    *,
-    most: int | None,
-    least_alpha: float,
-    extent: float | None,
-    squared: bool,
-) -> Tensor:
-    """See `reference.known_depth`. float32 on the CPU; raises ValueError for another type, device or shape, and
-    IndexError for samples outside the picture. `most` isn't needed."""
-    _check(depth=depth, alpha=alpha, known=known, shares=shares, weight=weight)
-    check_shapes(depth, alpha, weight)
-    samples = rows, columns, known, shares
+def known_depth(depth, alpha, samples, weight, most, least_alpha, extent, squared):
     return _KnownDepth.apply(depth, alpha, samples, weight, (least_alpha, extent, squared))
 
 
@@ -103,18 +69,13 @@ class _KnownDepth(torch.autograd.Function):
     def forward(context, depth, alpha, samples, weight, options):
         least_alpha, extent, squared = options
         rows, columns, known, shares = samples
-        call = (
-            depth.detach().contiguous().numpy(),
-            alpha.detach().contiguous().numpy(),
-            rows.contiguous().numpy(),
-            columns.contiguous().numpy(),
-            known.detach().contiguous().numpy(),
-            _NO_SHARES if shares is None else shares.detach().contiguous().numpy(),
-            _NOTHING if weight is None else weight.detach().contiguous().numpy(),
-            np.float32(least_alpha),
-            np.float32(0.0 if extent is None else 1 / extent),
-            squared,
+        shares, weight = (
+            _NO_SHARES if shares is None else _array(shares),
+            _NOTHING if weight is None else _array(weight),
         )
+        arrays = (_array(one) for one in (depth, alpha, rows, columns, known))
+        numbers = np.float32(least_alpha), np.float32(0.0 if extent is None else 1 / extent)
+        call = (*arrays, shares, weight, *numbers, squared)
         error, counted, outside = compiled.depth_error(*call)
         if outside:
             raise IndexError(f"surface: {outside:.0f} samples of known depth outside {tuple(depth.shape)} pixels")
@@ -132,32 +93,22 @@ def _number(value: Tensor | float) -> np.float32:
     return np.float32(value.detach().numpy().item() if isinstance(value, Tensor) else value)
 
 
+def _array(tensor: Tensor) -> np.ndarray:
+    array: np.ndarray = tensor.detach().contiguous().numpy()
+    return array
+
+
 def _flat(tensor: Tensor) -> np.ndarray:
-    flat: np.ndarray = tensor.detach().contiguous().numpy().reshape(-1)
-    return flat
-
-
-def _check(**tensors: Tensor | None) -> None:
-    for name, tensor in tensors.items():
-        if tensor is not None and (tensor.dtype != torch.float32 or tensor.device.type != "cpu"):
-            found = f"{tensor.dtype} on {tensor.device}"
-            raise ValueError(f"surface on the CPU, {name}: expected float32 on cpu, found {found}")
+    return _array(tensor).reshape(-1)
 
 
 def _warm_up() -> None:
     depth, alpha = torch.ones(4, 4, requires_grad=True), torch.ones(4, 4)
     slope, at = torch.ones((), requires_grad=True), torch.arange(4)
-    radius = circle(surface(depth, alpha, 0.1), slope, 0.0, low=0.0, extent=1.0, scale=1.0)
-    error = known_depth(
-        depth, alpha, at, at, torch.ones(4), None, None, most=1, least_alpha=0.1, extent=1.0, squared=False
-    )
+    radius = op.circle(op.surface(depth, alpha, 0.1), slope, 0.0, low=0.0, extent=1.0, scale=1.0)
+    samples = at, at, torch.ones(4), None, None
+    error = op.known_depth(depth, alpha, *samples, most=1, least_alpha=0.1, extent=1.0, squared=False)
     (radius.sum() + error).backward()
 
 
-BACKEND = Backend(
-    devices=("cpu",),
-    dtypes=("float32",),
-    bits_repeat=True,
-    warm_up=_warm_up,
-    is_warm=lambda: is_compiled(compiled.depth_error_gradient),
-)
+BACKEND = cpu_backend(_warm_up, compiled.depth_error_gradient)

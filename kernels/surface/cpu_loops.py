@@ -110,7 +110,7 @@ def _difference(rendered, known, inverse_extent):
 @cached
 @njit(parallel=True, error_model="numpy")
 def depth_error(depth, alpha, rows, columns, known, shares, weight, least_alpha, inverse_extent, squared):
-    """The sum of the samples' errors, that of their shares, and how many lie outside the picture, which isn't looked at
+    """The sum of the samples' errors, that of their shares, and how many lie outside the image, which isn't looked at
     there; see `reference.known_depth`. shares, weight: empty for none. inverse_extent: 0 for errors in scene units."""
     height, width = depth.shape
     pieces = -(-known.size // _PIECE)

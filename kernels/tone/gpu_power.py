@@ -19,7 +19,7 @@ def power(values, result, size, exponent, toe, slope, BLOCK: tl.constexpr):
 
 @triton.jit
 def power_gradient(gradient, values, powers, result, size, exponent, toe, slope, BLOCK: tl.constexpr):
-    """Its gradient by the numbers; powers: what it gave."""
+    """Its gradient with respect to the numbers; powers: what it gave."""
     at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     inside = at < size
     upstream = tl.load(gradient + at, mask=inside, other=0.0)

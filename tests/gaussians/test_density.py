@@ -90,7 +90,7 @@ def test_moments_follow_their_gaussians_and_new_ones_start_at_zero():
     for name, state in optimiser.state().items():
         parameter = gaussians.parameters[name]
         assert torch.equal(state.value, parameter.detach())
-        for moment in (state.moments.first, state.moments.second):
+        for moment in (state.moments.exp_avg, state.moments.exp_avg_sq):
             assert moment.shape == parameter.shape
             assert bool((moment[:11] != 0).all()) and bool((moment[12:] == 0).all())
         parameter.grad = torch.ones_like(parameter)
@@ -126,7 +126,7 @@ def test_opacity_reset_lowers_opacity_and_forgets_moments():
     density.after_step(1, 0.15)
     opacity = torch.sigmoid(gaussians.parameters["opacity_logits"].detach())
     assert float(opacity.max()) == pytest.approx(0.01, rel=FLOAT32_SCALAR)
-    assert not optimiser.state()["opacity_logits"].moments.first.any()
+    assert not optimiser.state()["opacity_logits"].moments.exp_avg.any()
 
 
 def test_an_opacity_may_be_reset_as_it_is_after_the_3d_filter():

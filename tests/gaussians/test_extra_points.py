@@ -92,7 +92,7 @@ def test_points_come_once_and_shapes_and_moments_begin_anew() -> None:
     distance = torch.cdist(found["means"].double(), found["means"].double()).sort(dim=1).values[:, 1:4]
     expected = distance.square().mean(dim=1).sqrt()
     assert found["log_scales"][:, 0].exp().tolist() == pytest.approx(expected.tolist(), rel=FLOAT32_VALUE)
-    assert all(not state.moments.first.any() for state in optimiser.state().values())
+    assert all(not state.moments.exp_avg.any() for state in optimiser.state().values())
     assert not density.after_step(4, 0.3) and len(gaussians) == 140
     assert density.state()[3] and not kept[3]
     density.restore(tuple(torch.ones_like(one) if isinstance(one, torch.Tensor) else one for one in kept))

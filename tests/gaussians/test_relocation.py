@@ -77,7 +77,7 @@ def test_transparent_ones_move_to_opaque_ones() -> None:
     assert torch.sigmoid(after["opacity_logits"]).unique().tolist() == pytest.approx(each.tolist(), rel=FLOAT32_VALUE)
     grown = (after["log_scales"] - before["log_scales"][7]).exp()
     assert grown.unique().tolist() == pytest.approx(smaller.tolist() * len(grown.unique()), rel=FLOAT32_VALUE)
-    assert all(not state.moments.first.any() for state in optimiser.state().values())
+    assert all(not state.moments.exp_avg.any() for state in optimiser.state().values())
 
 
 def test_more_are_added_up_to_the_limit_and_moments_of_the_others_stay() -> None:
@@ -87,7 +87,7 @@ def test_more_are_added_up_to_the_limit_and_moments_of_the_others_stay() -> None
         assert relocation.after_step(step, 0.1)
         counts.append(len(gaussians))
     assert counts == [42, 43, 43]
-    first = optimiser.state()["means"].moments.first[:40]
+    first = optimiser.state()["means"].moments.exp_avg[:40]
     assert 0 < int((first != 0).any(dim=1).sum()) < 40  # those that were copied begin again
     assert not relocation.after_step(20, 0.6)  # behind densify_until
 

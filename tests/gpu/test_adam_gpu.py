@@ -23,7 +23,7 @@ def test_steps_agree_with_the_definition() -> None:
 
 @pytest.mark.parametrize("finite", [False, True])
 def test_a_step_on_several_tensors_is_one_on_each(finite: bool) -> None:
-    """More tensors than a launch takes, of several sizes, one with a gradient by some of its rows alone."""
+    """Of several sizes, one with a gradient by some of its rows alone."""
     ours, theirs = Several.drawn(torch.float32), Several.drawn(torch.float64)
     if finite:
         for one in (ours, theirs):
@@ -44,23 +44,23 @@ def test_the_gaussians_parameters_are_moved_by_one_launch() -> None:
     assert list(launches.values()) == [1]
 
 
-@pytest.mark.parametrize("unless", [0.0, 1.0])
-def test_a_scalar_that_is_one_has_nothing_changed(unless: float) -> None:
+@pytest.mark.parametrize("found_inf", [0.0, 1.0])
+def test_a_scalar_that_is_one_has_nothing_changed(found_inf: float) -> None:
     values, (gradient, *_) = begun(torch.float32, 70)
     ours, theirs = ([values.clone(), gradient, torch.ones(70), torch.ones(70)] for _ in range(2))
-    options = {"steps": [3], "rates": [RATE], "epsilon": EPSILON, "unless": torch.tensor(unless)}
+    options = {"steps": [3], "lrs": [RATE], "eps": EPSILON, "found_inf": torch.tensor(found_inf)}
     load("adam", "gpu")(*([one] for one in ours), **options)
     load("adam", "reference")(*([one] for one in theirs), **options)
     for found, expected in zip(ours, theirs, strict=True):
         torch.testing.assert_close(found, expected, rtol=FLOAT32_VALUE, atol=FLOAT32_VALUE)
-    assert torch.equal(ours[0], values) == (unless == 1.0)
+    assert torch.equal(ours[0], values) == (found_inf == 1.0)
 
 
 def test_a_gradient_of_any_layout_is_taken_and_a_parameter_is_not() -> None:
     values, moments = torch.zeros(5, 4), (torch.zeros(5, 4), torch.zeros(5, 4))
     gradient = torch.arange(1.0, 21.0).reshape(4, 5).T
-    arguments, options = [[one] for one in (gradient, *moments)], {"steps": [1], "rates": [RATE], "epsilon": EPSILON}
+    arguments, options = [[one] for one in (gradient, *moments)], {"steps": [1], "lrs": [RATE], "eps": EPSILON}
     load("adam", "gpu")([values], *arguments, **options)
     torch.testing.assert_close(moments[0], 0.1 * gradient, rtol=FLOAT32_VALUE, atol=0.0)
-    with pytest.raises(ValueError, match="^adam values: expected a contiguous tensor, found strides"):
+    with pytest.raises(ValueError, match="^adam param: expected a contiguous tensor, found strides"):
         load("adam", "gpu")([torch.zeros(4, 5).T], *arguments, **options)

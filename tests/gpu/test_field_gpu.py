@@ -86,26 +86,6 @@ def test_a_ray_doesn_t_depend_on_the_others() -> None:
         assert all(torch.equal(alone[name][0], whole[name][ray]) for name in OUTPUTS)
 
 
-def test_fog_follows_beer_and_lambert() -> None:
-    field_cases.assert_fog_follows_beer_and_lambert("gpu")
-
-
-def test_a_plane_times_a_line_is_interpolated_between_nodes() -> None:
-    field_cases.assert_planes_times_lines_are_interpolated("gpu")
-
-
-def test_points_outside_count_as_on_the_border() -> None:
-    field_cases.assert_points_outside_count_as_on_the_border("gpu")
-
-
-def test_what_lies_behind_a_wall_has_no_gradient() -> None:
-    field_cases.assert_what_lies_behind_a_wall_has_no_gradient("gpu")
-
-
-def test_thin_fog_keeps_its_digits() -> None:
-    field_cases.assert_thin_fog_keeps_its_digits("gpu")
-
-
 @pytest.mark.parametrize("name", ["density", "colour"])
 def test_a_grid_that_is_not_finite_is_found_where_the_definition_finds_it(name: str) -> None:
     case = random_case(SMALL, 6, rays=5, longest=0.1)
@@ -143,10 +123,6 @@ def test_wrong_tensors(change: dict[str, Tensor], expected: str) -> None:
     case = of_type(random_case(SMALL, 1), torch.float32)
     with pytest.raises(ValueError, match=expected):
         load("field", "gpu")(**{**case, **change}, shape=SMALL, shift=0.0)
-
-
-def test_features_are_planes_times_lines() -> None:
-    field_cases.assert_features_are_planes_times_lines("gpu")
 
 
 @pytest.mark.parametrize(("ranks", "count"), [((8, 16), 0), ((8, 8), 1), ((16, 24), 40)])

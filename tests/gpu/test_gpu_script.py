@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import small_dataset
 import torch
-from dofbench.runtime.ops.rasterize.reference import rasterize
 from pretended_device import pretended
 from small_dataset import write_dataset
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
@@ -22,6 +21,7 @@ from benchmarks.gpu import measure
 from benchmarks.gpu.tables import write_tables
 from dofbench.core.cameras import Camera
 from dofbench.core.files import read_json
+from dofbench.runtime.ops import load
 
 
 @pytest.fixture
@@ -134,7 +134,7 @@ def test_a_peer_draws_the_same_picture_from_what_it_is_given(
         assert (render_mode, rasterize_mode) == ("RGB+ED", "antialiased")
         (fx, _, cx), (_, fy, cy), _ = Ks[0].tolist()
         camera = Camera(width, height, fx, fy, cx, cy, np.array(viewmats[0].tolist()))
-        seen = rasterize(
+        seen = load("rasterize", "reference")(
             means, scales.log(), quats, opacities.logit(), colors[:, 0], colors[:, 1:], camera=camera,
             near=near_plane, filter_2d=eps2d, sh_degree=sh_degree,
         )  # fmt: skip

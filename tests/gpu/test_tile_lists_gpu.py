@@ -9,17 +9,15 @@ import pytest
 import torch
 from dofbench.runtime.ops.rasterize.gpu_inputs import TILE, Settings
 from dofbench.runtime.ops.rasterize.gpu_lists import Lists, project_and_list
+from dofbench.runtime.ops.rasterize.op import NAMES, View
 from random_gaussians import scene, turned, view
 
 from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
 
-NAMES = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
-
 
 def listed(gaussians: dict[str, torch.Tensor], camera: Camera, points: np.ndarray | None = None) -> Lists:
-    lens = None if points is None else points.astype(np.float32)
-    settings = Settings(camera, 0, 0.1, True, 0.2, 0, None, None, lens, torch.device("cpu"))
+    settings = Settings(View(camera, None, 0, None, 0.1, True, 0, 0.2), points, torch.device("cpu"))
     parameters = tuple(gaussians[name] for name in NAMES)
     return project_and_list(settings, None, gaussians.get("radius"), parameters)
 

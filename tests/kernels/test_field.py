@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import field_cases
 import pytest
 import torch
+from backends import compiled, every
 from field_cases import NAMES, SMALL, dtype_of, near_a_threshold, of_type, only_ray, random_case, rendered, without_rays
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
@@ -16,27 +18,11 @@ from torch import Tensor
 from dofbench.runtime.factored_grid import GridShape
 from dofbench.runtime.ops import load
 
-BACKENDS = ("cpu", "reference")
 
-
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_fog_follows_beer_and_lambert(backend: str) -> None:
-    field_cases.assert_fog_follows_beer_and_lambert(backend)
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_a_plane_times_a_line_is_interpolated_between_nodes(backend: str) -> None:
-    field_cases.assert_planes_times_lines_are_interpolated(backend)
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_points_outside_count_as_on_the_border(backend: str) -> None:
-    field_cases.assert_points_outside_count_as_on_the_border(backend)
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_features_are_planes_times_lines(backend: str) -> None:
-    field_cases.assert_features_are_planes_times_lines(backend)
+@every
+@pytest.mark.parametrize("check", field_cases.CLOSED_FORMS)
+def test_closed_forms(backend: str, check: Callable[[str], None]) -> None:
+    check(backend)
 
 
 @settings(max_examples=10, deadline=None)
@@ -74,8 +60,10 @@ def test_the_cpu_agrees_with_the_definition(seed: int, sizes: tuple, longest: fl
     field_cases.assert_agrees("cpu", case, shape, least_weight=least_weight)
 
 
-def test_what_lies_behind_a_wall_has_no_gradient() -> None:
-    field_cases.assert_what_lies_behind_a_wall_has_no_gradient("auto")
+@compiled
+@pytest.mark.parametrize("check", field_cases.COMPILED)
+def test_digits_and_hidden_samples(backend: str, check: Callable[[str], None]) -> None:
+    check(backend)
 
 
 def test_a_ray_doesn_t_depend_on_the_others() -> None:
@@ -142,10 +130,6 @@ def test_wrong_shapes(sizes: tuple, match: str) -> None:
         GridShape(*sizes)
 
 
-def test_thin_fog_keeps_its_digits() -> None:
-    field_cases.assert_thin_fog_keeps_its_digits("cpu")
-
-
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**31))
 def test_samples_lie_in_occupied_cells(seed: int) -> None:
@@ -153,7 +137,7 @@ def test_samples_lie_in_occupied_cells(seed: int) -> None:
     case, count = field_cases.marched(seed)
     expected = field_cases.samples_in_occupied_cells(case, count)
     assume(expected is not None)
-    for backend in BACKENDS:
+    for backend in ("cpu", "reference"):
         tensors = (tensor if tensor.dtype == torch.bool else tensor.to(dtype_of(backend)) for tensor in case)
         found = load("field", backend, function="field_samples")(*tensors, count=count)
         field_cases.assert_samples(found, expected)

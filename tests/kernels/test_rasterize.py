@@ -1,4 +1,6 @@
-"""The compiled rasteriser against its float64 definition, and both against known geometry."""
+"""The compiled rasterisers against their float64 definition, and what must hold for both."""
+
+from __future__ import annotations
 
 import math
 
@@ -6,166 +8,325 @@ import numba
 import numpy as np
 import pytest
 import torch
+from backends import compiled
 from dofbench.runtime.ops.rasterize.reference import rotation_matrices
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_up import frontal
-from random_gaussians import NAMES, assert_agree, assert_close, cpu, reference, render, scene, turned, view
-from tolerances import FINITE_DIFFERENCE, FLOAT32_GRADIENT, PLANE_DEPTH, TILING
+from random_gaussians import (
+    NAMES,
+    assert_agree,
+    assert_close,
+    blurred,
+    cpu,
+    facing,
+    reference,
+    render,
+    scene,
+    turned,
+    value_tolerance,
+    view,
+)
+from tolerances import BLUR_OF_NEEDLES, FINITE_DIFFERENCE, FLOAT32_GRADIENT, FLOAT32_VALUE, TILING
 
 from dofbench.core.cameras import Camera
+from dofbench.runtime.ops import load
+from dofbench.runtime.raster import ViewStatistics
+
+FRONTAL = Camera(24, 20, 30.0, 30.0, 12.5, 10.5, np.eye(4))
+
+# ---- against the definition ----
 
 
+@compiled
 @pytest.mark.parametrize("geometry", ["none", "depth", "full", "distortion"])
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_values_and_gradients_agree_with_the_reference(geometry, seed):
-    n = 60 + seed
-    assert_agree(
-        scene(n, seed),
-        camera=view(),
-        geometry=geometry,
-        filter_3d=torch.full((n,), 0.03),
-        background=torch.tensor([0.2, 0.5, 0.1]),
-    )
+def test_values_and_gradients_agree_with_the_reference(backend: str, geometry: str) -> None:
+    options = {"filter_3d": torch.full((40,), 0.03), "background": torch.tensor([0.2, 0.5, 0.1])}
+    assert_agree(scene(40, 0), backend, camera=view(), geometry=geometry, **options)
 
 
-@pytest.mark.parametrize("width,height", [(1, 1), (1, 37), (33, 1), (8, 32), (9, 33)])
-def test_any_image_size(width, height):
+@compiled
+@pytest.mark.parametrize(
+    ("geometry", "filter_2d", "largest"), [("none", 0.1, 30.0), ("depth", 0.0, 0.3), ("distortion", 0.1, 1000.0)]
+)
+def test_blurred_values_and_gradients_agree_with_the_reference(backend, geometry, filter_2d, largest) -> None:
+    options = {"filter_2d": filter_2d, "filter_3d": torch.full((31,), 0.03)}
+    assert_agree(blurred(31, 1, largest), backend, camera=view(40, 30), geometry=geometry, **options)
+
+
+@compiled
+@pytest.mark.parametrize("geometry", ["none", "distortion"])
+@pytest.mark.parametrize(("filter_2d", "fades"), [(0.3, False), (0.0, True)])
+def test_other_2d_filters(backend: str, geometry: str, filter_2d: float, fades: bool) -> None:
+    options = {"filter_2d": filter_2d, "filter_2d_fades": fades}
+    assert_agree(scene(30, 5), backend, camera=view(), geometry=geometry, **options)
+
+
+@compiled
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (1, 37), (33, 1), (16, 16), (9, 33)])
+def test_any_image_size(backend: str, width: int, height: int) -> None:
     camera = Camera(width, height, 20.0, 22.0, width / 2 + 0.3, height / 2 - 0.2, turned())
-    assert_agree(scene(41, 3), camera=camera, geometry="distortion")
+    assert_agree(scene(25, 3), backend, camera=camera, geometry="distortion")
 
 
-@pytest.mark.parametrize("rest", [0, 3, 8, 15])
-@pytest.mark.parametrize("degree", [0, 1, 2, 3])
-def test_harmonic_degrees(rest, degree):
-    _, gradients, _ = assert_agree(scene(20, 4, rest=rest), camera=view(), geometry="none", sh_degree=degree)
+@compiled
+@pytest.mark.parametrize(("rest", "degree"), [(0, 3), (3, 3), (8, 2), (15, 0), (15, 1), (15, 2), (15, 3)])
+def test_harmonic_degrees(backend: str, rest: int, degree: int) -> None:
+    camera = Camera(12, 10, 15.0, 15.0, 6.0, 5.0, turned())
+    _, gradients, _ = assert_agree(scene(12, 4, rest=rest), backend, camera=camera, geometry="none", sh_degree=degree)
     used = (min(degree, math.isqrt(rest + 1) - 1) + 1) ** 2 - 1
     assert not gradients["sh_rest"][:, used:].any()
+    assert gradients["sh_rest"][:, :used].any() == (used > 0)
 
 
-def test_without_the_2d_filter():
-    assert_agree(scene(50, 5), camera=view(), geometry="distortion", filter_2d=0.0)
+@compiled
+def test_opaque_tiles_stop_early(backend: str) -> None:
+    gaussians = facing(torch.linspace(2, 6, 40).flip(0).tolist(), opacity=0.95)
+    outputs, gradients, _ = assert_agree(gaussians, backend, camera=FRONTAL, geometry="distortion")
+    assert (outputs.alpha > 0.999).all() and not gradients["means"][:24].any()
 
 
-def test_opaque_tiles_stop_early():
-    gaussians = scene(400, 6, size=-0.5)
-    gaussians["opacity_logits"] += 4
-    outputs, _, _ = assert_agree(gaussians, camera=view(), geometry="distortion")
-    assert (outputs.alpha > 0.999).all()
-
-
-def test_needles():
-    gaussians = scene(40, 8)
-    gaussians["log_scales"] = torch.tensor([[1.0, -6.0, -7.0]]).repeat(40, 1)
+@compiled
+@pytest.mark.parametrize("blur", [False, True])
+def test_needles(backend: str, blur: bool) -> None:
+    gaussians = blurred(30, 8, 10.0) if blur else scene(30, 8)
+    gaussians["log_scales"] = torch.tensor([[1.0, -6.0, -7.0]]).repeat(30, 1)
     gaussians["opacity_logits"] += 5
-    assert_agree(gaussians, camera=view(48, 40), geometry="distortion")
+    options = {"camera": view(40, 30), "geometry": "distortion"}
+    outputs, gradients, _ = render(load("rasterize", backend), gaussians, torch.float32, **options)
+    expected_outputs, expected, _ = render(reference, gaussians, torch.float64, **options)
+    for name, output in outputs._asdict().items():
+        assert_close(output, getattr(expected_outputs, name), value_tolerance(name), name)
+    for name, gradient in gradients.items():
+        assert_close(gradient, expected[name], BLUR_OF_NEEDLES if name == "blur" else FLOAT32_GRADIENT, name)
 
 
-def test_around_the_near_plane():
+@compiled
+def test_around_the_near_plane(backend: str) -> None:
     gaussians = scene(30, 9)
     gaussians["means"] = gaussians["means"] * 0.2
     gaussians["means"][:, 2] = torch.linspace(-0.3, 0.7, 30)
     gaussians["log_scales"] -= 1.5
-    _, gradients, statistics = assert_agree(gaussians, camera=view(pose=np.eye(4)), geometry="distortion")
+    _, gradients, statistics = assert_agree(gaussians, backend, camera=view(pose=np.eye(4)), geometry="distortion")
     behind = gaussians["means"][:, 2] <= 0.2
     assert not statistics.visible[behind].any()
     assert not any(gradient[behind].any() for gradient in gradients.values())
 
 
-def test_zero_quaternion_is_no_rotation():
-    gaussians = scene(12, 10)
-    turned_none = dict(gaussians, quaternions=torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(12, 1))
-    zero = dict(gaussians, quaternions=torch.zeros(12, 4))
-    a, gradients, _ = render(cpu, zero, torch.float32, camera=view())
-    b, _, _ = render(cpu, turned_none, torch.float32, camera=view())
-    assert torch.equal(a.color, b.color)
-    assert not gradients["quaternions"].any()
+@compiled
+@pytest.mark.parametrize("blur", [False, True])
+def test_a_dilated_gaussian_without_width_is_drawn(backend: str, blur: bool) -> None:
+    """Seen along its plane, a flat Gaussian's footprint is a line: its determinant is 0 before it is dilated."""
+    gaussians = scene(25, 9)
+    gaussians["log_scales"] = torch.tensor([[-1.0, -30.0, -200.0]]).repeat(25, 1)
+    gaussians["opacity_logits"] += 5
+    if blur:
+        gaussians["blur"] = torch.linspace(0, 4, 25)
+    options = {"camera": view(), "geometry": "none"}
+    outputs, gradients, statistics = assert_agree(gaussians, backend, **options, filter_2d=0.3, filter_2d_fades=False)
+    assert outputs.alpha.max() > 0.1 and gradients["means"].any() and statistics.visible.any()
+    outputs, gradients, statistics = render(load("rasterize", backend), gaussians, torch.float32, **options)
+    assert not (outputs.alpha.any() or gradients["means"].any() or statistics.visible.any())
 
 
-def test_no_gaussians():
-    outputs, gradients, _ = render(
-        cpu, scene(0, 0), torch.float32, camera=view(), geometry="distortion", background=torch.tensor([0.1, 0.2, 0.3])
+@compiled
+@pytest.mark.parametrize("opacity", [0.9995, 0.5, 0.0038])
+@pytest.mark.parametrize(("filter_2d", "fades"), [(0.0, True), (0.1, True), (0.1, False)])
+def test_small_gaussians_and_opacities_around_their_ends(backend, opacity, filter_2d, fades) -> None:
+    """Gaussians of 0.025, 0.04, 0.3 and 1 pixel, each in the middle of a pixel, before one that all see."""
+    sizes = torch.tensor([0.025, 0.04, 0.3, 1.0, 20.0])
+    gaussians = facing([3.0] * 5, opacity)
+    gaussians["means"] = torch.tensor(
+        [[-0.8, -0.6, 3.0], [0.0, 0.0, 3.0], [0.5, 0.3, 3.0], [-0.4, 0.4, 3.0], [0, 0, 4]]
     )
-    assert torch.equal(outputs.color, torch.tensor([0.1, 0.2, 0.3]).expand(20, 24, 3))
-    for output in outputs[1:]:
-        assert not output.any()
-    assert gradients["means"].shape == (0, 3)
+    gaussians["log_scales"] = torch.log(sizes * gaussians["means"][:, 2] / 30)[:, None] + torch.tensor([0.0, 0.2, -0.2])
+    gaussians["quaternions"] = torch.tensor([[0.9, 0.1, -0.2, 0.3]]).repeat(5, 1)
+    gaussians["opacity_logits"][-1] = 6.0  # held at the largest alpha around its middle
+    options = {"geometry": "none", "filter_2d": filter_2d, "filter_2d_fades": fades}
+    _, _, statistics = assert_agree(gaussians, backend, camera=FRONTAL, **options)
+    drawn = opacity > 1 / 255
+    # Without the filter or with one that fades, the determinant of the smallest is below the least.
+    assert statistics.visible.tolist() == [drawn and not fades, drawn, drawn, drawn, True]
 
 
-def test_empty_pixels_are_zero():
+@compiled
+@pytest.mark.parametrize("aside", [0.0, 4e-8, 1e-3])
+def test_a_thin_gaussian_seen_along_its_plane(backend: str, aside: float) -> None:
+    """On the axis, a hundred-millionth of its distance beside it, where it counts as seen edge-on, and further."""
+    gaussians = facing([4.0, 5.0])
+    gaussians["means"][0, 0] = aside
+    gaussians["log_scales"][0] = torch.tensor([-30.0, -1.0, -1.0])
+    options = {"camera": FRONTAL, "geometry": "full", "filter_2d": 0.3, "filter_2d_fades": False}
+    assert_agree(gaussians, backend, **options)
+    alone, _, _ = assert_agree({name: value[:1] for name, value in gaussians.items()}, backend, **options)
+    assert alone.alpha.any() and alone.normal.any() == (aside != 4e-8)
+
+
+@compiled
+def test_ray_lengths_are_held_at_the_near_plane(backend: str) -> None:
+    """Two tilted planes that begin beyond the near plane and pass through it."""
+    gaussians = facing([0.6, 0.8], opacity=0.6)
+    gaussians["quaternions"] = torch.tensor([[math.cos(0.5), 0.0, math.sin(0.5), 0.0]]).repeat(2, 1)
+    gaussians["log_scales"] = torch.tensor([[-1.0, -1.0, -8.0]]).repeat(2, 1)
+    outputs, _, _ = assert_agree(gaussians, backend, camera=FRONTAL, geometry="distortion", near=0.55)
+    lengths = outputs.depth.detach() * ((torch.arange(24) + 0.5 - 12.5) / 30).square().add(1).sqrt()
+    assert (lengths[10] > 0.56).any()
+    assert_close(lengths[10].min(), torch.tensor(0.55), FLOAT32_VALUE, "ray length")
+
+
+@compiled
+@pytest.mark.parametrize("chosen", range(6))
+def test_gradients_of_one_output_only(backend: str, chosen: int) -> None:
+    gaussians = scene(20, 12)
+    pairs = []
+    for kernel, dtype in ((load("rasterize", backend), torch.float32), (reference, torch.float64)):
+        inputs = {name: value.to(dtype, copy=True).requires_grad_() for name, value in gaussians.items()}
+        kernel(**inputs, camera=view(16, 16), geometry="distortion")[chosen].square().sum().backward()
+        pairs.append([value.grad for value in inputs.values()])
+    for name, found, expected in zip(NAMES, *pairs, strict=True):
+        expected = torch.zeros_like(found) if expected is None else expected
+        assert_close(found, expected, FLOAT32_GRADIENT, name)
+
+
+@pytest.mark.parametrize("filter_2d", [0.0, 0.1])
+def test_reference_against_finite_differences(filter_2d: float) -> None:
+    gaussians = {name: value.double() for name, value in blurred(8, 13, 9.0).items()}
+    gaussians["blur"] += 0.01  # so that a step down is still a variance
+    gaussians["log_scales"] += 1
+    gaussians["opacity_logits"].clamp_(max=3)
+    filter_3d, generator = torch.full((8,), 0.05).double(), torch.Generator().manual_seed(1)
+
+    def loss(inputs):
+        outputs = reference(
+            **inputs, camera=view(9, 7), geometry="distortion", filter_2d=filter_2d, filter_3d=filter_3d
+        )
+        weights = torch.Generator().manual_seed(2)
+        return sum((o * torch.randn(o.shape, generator=weights, dtype=torch.float64)).sum() for o in outputs)
+
+    for name, value in gaussians.items():
+        leaf = value.clone().requires_grad_()
+        (gradient,) = torch.autograd.grad(loss({**gaussians, name: leaf}), leaf)
+        move = 1e-6 * torch.randn(gradient.shape, generator=generator, dtype=torch.float64)
+        with torch.no_grad():
+            ends = [loss({**gaussians, name: value + sign * move}) for sign in (1, -1)]
+        predicted = (gradient * move).sum() / 1e-6
+        assert abs((ends[0] - ends[1]) / 2e-6 - predicted) <= FINITE_DIFFERENCE * max(1.0, abs(predicted)), name
+
+
+# ---- scenes that show little, and numbers at their ends ----
+
+
+@compiled
+def test_no_gaussians(backend: str) -> None:
+    options = {"camera": view(), "geometry": "distortion", "background": torch.tensor([0.1, 0.2, 0.3])}
+    outputs, gradients, statistics = render(load("rasterize", backend), scene(0, 0), torch.float32, **options)
+    assert torch.equal(outputs.color, options["background"].expand(20, 24, 3))
+    assert not any(output.any() for output in outputs[1:])
+    assert gradients["means"].shape == (0, 3) and gradients["sh_rest"].shape == (0, 15, 3)
+    assert statistics.visible.shape == (0,) and statistics.abs_grad_2d.shape == (0, 2)
+
+
+@compiled
+@pytest.mark.parametrize("place", ["behind", "beside"])
+def test_gaussians_outside_the_view(backend: str, place: str) -> None:
+    gaussians = scene(9, 2)
+    gaussians["means"][:, 2 if place == "behind" else 0] -= 50
+    options = {"camera": view(), "geometry": "distortion"}
+    outputs, gradients, statistics = render(load("rasterize", backend), gaussians, torch.float32, **options)
+    for nothing in (*outputs, *gradients.values(), statistics.visible, statistics.radii, statistics.grad_2d):
+        assert not nothing.any()
+
+
+@compiled
+def test_empty_pixels_are_zero(backend: str) -> None:
     gaussians = {name: value[:1] for name, value in scene(1, 11).items()}
     gaussians["means"] = torch.tensor([[0.0, 0.0, 4.0]])
     gaussians["log_scales"] = torch.tensor([[-3.0, -2.5, -3.5]])
     gaussians["opacity_logits"] = torch.tensor([3.0])
-    outputs, _, _ = assert_agree(gaussians, camera=view(pose=np.eye(4)), geometry="distortion")
+    outputs, _, _ = assert_agree(gaussians, backend, camera=view(pose=np.eye(4)), geometry="distortion")
     empty = outputs.alpha == 0
     assert empty.any() and not empty.all()
     assert not any(output[empty].any() for output in outputs)
 
 
-def test_gradients_of_some_outputs_only():
-    gaussians = scene(40, 12)
-    for chosen in range(6):
-        pairs = []
-        for kernel, dtype in ((cpu, torch.float32), (reference, torch.float64)):
-            inputs = {name: value.detach().to(dtype, copy=True).requires_grad_() for name, value in gaussians.items()}
-            kernel(**inputs, camera=view(), geometry="distortion")[chosen].square().sum().backward()
-            pairs.append([value.grad for value in inputs.values()])
-        for name, a, b in zip(NAMES, *pairs, strict=True):
-            assert_close(a, torch.zeros_like(a) if b is None else b, FLOAT32_GRADIENT, f"output {chosen}, {name}")
+@compiled
+def test_zero_quaternion_is_no_rotation(backend: str) -> None:
+    gaussians, kernel = scene(12, 10), load("rasterize", backend)
+    turned_none = dict(gaussians, quaternions=torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(12, 1))
+    a, gradients, _ = render(kernel, dict(gaussians, quaternions=torch.zeros(12, 4)), torch.float32, camera=view())
+    b, _, _ = render(kernel, turned_none, torch.float32, camera=view())
+    assert torch.equal(a.color, b.color) and a.color.any()
+    assert not gradients["quaternions"].any()
 
 
-def test_reference_against_finite_differences():
-    gaussians = {name: value.double() for name, value in scene(8, 13, size=-1.0).items()}
-    gaussians["opacity_logits"] = gaussians["opacity_logits"].clamp(max=3)
-    generator = torch.Generator().manual_seed(1)
-    camera = view(9, 7)
-
-    def loss(shift=0.0, direction=None):
-        moved = {name: value + shift * direction[name] if direction else value for name, value in gaussians.items()}
-        outputs = reference(**moved, camera=camera, geometry="distortion", filter_3d=torch.full((8,), 0.05).double())
-        weights = torch.Generator().manual_seed(2)
-        return sum((o * torch.randn(o.shape, generator=weights, dtype=torch.float64)).sum() for o in outputs)
-
-    for name in NAMES:
-        gaussians = {key: value.detach().requires_grad_() for key, value in gaussians.items()}
-        (gradient,) = torch.autograd.grad(loss(), gaussians[name])
-        gaussians = {key: value.detach() for key, value in gaussians.items()}
-        direction = {key: torch.zeros_like(value) for key, value in gaussians.items()}
-        direction[name] = torch.randn(gradient.shape, generator=generator, dtype=torch.float64)
-        step = 1e-6
-        measured = (loss(step, direction) - loss(-step, direction)) / (2 * step)
-        predicted = (gradient * direction[name]).sum()
-        assert abs(measured - predicted) <= FINITE_DIFFERENCE * max(1.0, abs(predicted)), name
+def assert_extreme_stay_finite(backend: str, seed: int, size: float, spread: float, depth: float, **options) -> None:
+    gaussians = scene(20, seed)
+    gaussians["log_scales"] = (gaussians["log_scales"] + 2) * spread + size
+    gaussians["means"][:, 2] = gaussians["means"][:, 2] - 4 + depth
+    gaussians["quaternions"] *= 1e-15 if seed % 2 else 1e15
+    options |= {"camera": view(), "geometry": "distortion"}
+    outputs, gradients, statistics = render(load("rasterize", backend), gaussians, torch.float32, **options)
+    assert all(torch.isfinite(output).all() for output in (*outputs, statistics.abs_grad_2d))
+    assert (outputs.alpha >= 0).all() and (outputs.alpha <= 1).all() and (outputs.depth >= 0).all()
+    for name, gradient in gradients.items():
+        assert name == "quaternions" or torch.isfinite(gradient).all(), name
 
 
-def test_order_of_gaussians_does_not_matter():
-    gaussians = scene(200, 14)
-    order = torch.randperm(200, generator=torch.Generator().manual_seed(0))
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**31), st.floats(-25, 3), st.floats(0, 6), st.floats(0.0, 3.0), st.sampled_from([0.0, 0.1]))
+def test_extreme_gaussians_stay_finite(seed, size, spread, depth, filter_2d) -> None:
+    assert_extreme_stay_finite("cpu", seed, size, spread, depth, filter_2d=filter_2d)
+
+
+@compiled
+@pytest.mark.parametrize(("seed", "size", "spread", "depth"), [(1, -25.0, 0.0, 0.5), (2, 3.0, 1.0, 3.0), (3, -3, 6, 0)])
+def test_some_extreme_gaussians_stay_finite(backend, seed, size, spread, depth) -> None:
+    assert_extreme_stay_finite(backend, seed, size, spread, depth, filter_2d=0.0 if seed == 3 else 0.1)
+
+
+def test_rotations_of_special_quaternions() -> None:
+    """Half a turn about z, of any length; a third of a turn takes x to y, y to z; none for a quaternion of zeros."""
+    quaternions = torch.tensor([[0, 0, 0, 2], [0.5, 0.5, 0.5, 0.5], [0, 0, 0, 0], [-3, 0, 0, 0]], dtype=torch.float64)
+    found = rotation_matrices(quaternions)
+    assert torch.equal(found[0], torch.diag(torch.tensor([-1.0, -1.0, 1.0], dtype=torch.float64)))
+    assert torch.equal(found[1], torch.eye(3, dtype=torch.float64)[[2, 0, 1]])
+    assert torch.equal(found[2], torch.eye(3, dtype=torch.float64)) and torch.equal(found[3], found[2])
+
+
+# ---- what doesn't change anything ----
+
+
+def assert_same_bits(one, other, order=slice(None)) -> None:
+    """Of two results of `render`, the other with Gaussians in another order."""
+    assert all(torch.equal(a, b) for a, b in zip(one[0], other[0], strict=True) if a is not None)
+    assert all(torch.equal(one[1][name][order], other[1][name]) for name in other[1])
+    assert torch.equal(one[2].abs_grad_2d[order], other[2].abs_grad_2d)
+
+
+@compiled
+def test_the_same_bits_twice_and_in_any_order(backend: str) -> None:
+    gaussians, kernel = blurred(20, 14, 5.0), load("rasterize", backend)
+    order = torch.randperm(20, generator=torch.Generator().manual_seed(0))
     shuffled = {name: value[order].contiguous() for name, value in gaussians.items()}
-    a, da, _ = render(cpu, gaussians, torch.float32, camera=view(), geometry="distortion")
-    b, db, _ = render(cpu, shuffled, torch.float32, camera=view(), geometry="distortion")
-    assert all(torch.equal(x, y) for x, y in zip(a, b, strict=True))
-    assert all(torch.equal(da[name][order], db[name]) for name in NAMES)
+    options = {"camera": view(20, 16), "geometry": "distortion"}
+    one, again, other = (render(kernel, each, torch.float32, **options) for each in (gaussians, gaussians, shuffled))
+    assert_same_bits(one, again)
+    assert_same_bits(one, other, order)
 
 
-def test_same_bits_every_time_and_on_any_number_of_threads():
-    gaussians, camera = scene(500, 15), view(70, 50)
-    threads = numba.get_num_threads()
+def test_the_same_bits_on_any_number_of_threads() -> None:
+    gaussians, threads = blurred(500, 15, 40.0), numba.get_num_threads()
     try:
         runs = []
-        for count in (threads, threads, 1):
+        for count in (threads, 1):
             numba.set_num_threads(count)
-            runs.append(render(cpu, gaussians, torch.float32, camera=camera, geometry="distortion"))
+            runs.append(render(cpu, gaussians, torch.float32, camera=view(70, 50), geometry="distortion"))
     finally:
         numba.set_num_threads(threads)
-    for outputs, gradients, statistics in runs[1:]:
-        assert all(torch.equal(a, b) for a, b in zip(runs[0][0], outputs, strict=True))
-        assert all(torch.equal(runs[0][1][name], gradients[name]) for name in NAMES)
-        assert torch.equal(runs[0][2].abs_grad_2d, statistics.abs_grad_2d)
+    assert_same_bits(*runs)
 
 
-def test_a_crop_is_the_crop_of_the_image():
+def test_a_crop_is_the_crop_of_the_image() -> None:
     camera = frontal(60, 50, 55.0)
     crop = Camera(27, 29, 55.0, 55.0, 30.0 - 13, 25.0 - 9, np.eye(4))
     gaussians = scene(150, 16)
@@ -180,93 +341,63 @@ def test_a_crop_is_the_crop_of_the_image():
         assert_close(b, a[9:38, 13:40], TILING, name)
 
 
-@pytest.mark.parametrize("tilt,turn", [(0.0, 0.0), (0.7, 0.4), (-0.9, 2.0)])
-def test_a_disc_has_its_planes_depth_and_normal(tilt, turn):
-    """One flat, wide Gaussian: depth is where the ray meets its plane, the normal is the plane's."""
-    normal = np.array([math.sin(tilt) * math.cos(turn), math.sin(tilt) * math.sin(turn), -math.cos(tilt)])
-    centre = np.array([0.2, -0.1, 5.0])
-    half = tilt / 2
-    quaternion = [math.cos(half), math.sin(half) * math.sin(turn), -math.sin(half) * math.cos(turn), 0.0]
-    inputs = {
-        "means": torch.tensor(centre[None], dtype=torch.float32),
-        "log_scales": torch.tensor([[0.0, 0.0, -9.0]]),
-        "quaternions": torch.tensor([quaternion], dtype=torch.float32),
-        "opacity_logits": torch.tensor([5.0]),
-        "sh_dc": torch.zeros(1, 3),
-        "sh_rest": torch.zeros(1, 0, 3),
-    }
-    camera = Camera(64, 48, 400.0, 410.0, 15.0, 33.0, np.eye(4))
-    raster = cpu(**inputs, camera=camera, geometry="distortion")
-    ((x, y),), _ = camera.project(centre[None])
-    for row in range(int(y) - 4, int(y) + 5):
-        for column in range(int(x) - 4, int(x) + 5):
-            ray = np.array([(column + 0.5 - camera.cx) / camera.fx, (row + 0.5 - camera.cy) / camera.fy, 1.0])
-            expected = normal @ centre / (normal @ ray)
-            assert abs(float(raster.depth[row, column]) / expected - 1) < PLANE_DEPTH
-            assert abs(float(raster.median_depth[row, column]) / expected - 1) < PLANE_DEPTH
-            found = raster.normal[row, column].double().numpy() / float(raster.alpha[row, column])
-            assert np.abs(found - normal).max() < FLOAT32_GRADIENT
+@compiled
+def test_gradients_and_statistics_are_only_taken_where_asked_for(backend: str) -> None:
+    kernel, inputs = load("rasterize", backend), {name: value.requires_grad_() for name, value in scene(12, 3).items()}
+    blur, statistics = torch.full((12,), 2.0), ViewStatistics()
+    kernel(**inputs, camera=view(), blur=blur, statistics=statistics).color.sum().backward()
+    assert blur.grad is None and inputs["means"].grad.any()
+    assert statistics.grad_2d.any() and statistics.abs_grad_2d is None
+    with torch.no_grad():
+        assert not kernel(**inputs, camera=view()).color.requires_grad
 
 
-@settings(max_examples=40, deadline=None)
-@given(st.integers(0, 2**31), st.floats(-25, 3), st.floats(0, 6), st.floats(0.0, 3.0), st.sampled_from([0.0, 0.1]))
-def test_extreme_gaussians_stay_finite(seed, size, spread, depth, filter_2d):
-    gaussians = scene(30, seed)
-    gaussians["log_scales"] = (gaussians["log_scales"] + 2) * spread + size
-    gaussians["means"][:, 2] = gaussians["means"][:, 2] - 4 + depth
-    gaussians["quaternions"] *= 1e-15 if seed % 2 else 1e15
-    outputs, gradients, statistics = render(
-        cpu, gaussians, torch.float32, camera=view(), geometry="distortion", filter_2d=filter_2d
-    )
-    for output in outputs:
-        assert torch.isfinite(output).all()
-    assert (outputs.alpha >= 0).all() and (outputs.alpha <= 1).all()
-    assert (outputs.depth >= 0).all()
-    for name, gradient in gradients.items():
-        if name != "quaternions":
-            assert torch.isfinite(gradient).all(), name
-    assert torch.isfinite(statistics.abs_grad_2d).all()
+# ---- wrong arguments ----
 
 
-@pytest.mark.parametrize("name", NAMES)
+@compiled
+@pytest.mark.parametrize("name", [*NAMES, "filter_3d", "blur"])
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_non_finite_parameter_is_named(name, value):
-    gaussians = scene(20, 17)
+def test_a_non_finite_parameter_is_named(backend: str, name: str, value: float) -> None:
+    gaussians = {**scene(20, 17), "filter_3d": torch.full((20,), 0.1), "blur": torch.full((20,), 0.1)}
     gaussians["means"][:, 2] = 4
     gaussians["opacity_logits"][:] = 1
     gaussians[name].view(20, -1)[13, 0] = value
+    kernel = load("rasterize", backend)
     if name == "opacity_logits" and value == math.inf:
-        assert torch.isfinite(cpu(**gaussians, camera=view()).color).all()
+        assert torch.isfinite(kernel(**gaussians, camera=view()).color).all()
         return
     with pytest.raises(FloatingPointError, match=rf"{name}\[13\]"):
-        cpu(**gaussians, camera=view())
+        kernel(**gaussians, camera=view())
 
 
+@compiled
+def test_a_projection_that_overflows_is_told(backend: str) -> None:
+    gaussians = scene(5, 17)
+    gaussians["means"][3] = torch.tensor([0.0, 0.0, 4.0])
+    gaussians["log_scales"][3] = 60.0
+    with pytest.raises(FloatingPointError, match="Gaussian 3: its projection overflows float32"):
+        load("rasterize", backend)(**gaussians, camera=view())
+
+
+@compiled
 @pytest.mark.parametrize(
-    "name,value,found",
+    ("name", "value", "found"),
     [
         ("means", torch.zeros(4, 2), r"means: expected shape \(4, 3\), found \(4, 2\)"),
-        ("quaternions", torch.zeros(4, 4).double(), "quaternions: expected contiguous torch.float32"),
-        ("sh_dc", torch.zeros(3, 4).T, "sh_dc: .* found not contiguous"),
+        ("quaternions", torch.zeros(4, 4).double(), "quaternions: expected torch.float32 on cpu"),
+        ("sh_dc", torch.zeros(3, 4).T, "sh_dc: expected a contiguous tensor"),
         ("sh_rest", torch.zeros(4, 5, 3), "sh_rest: expected shape"),
         ("filter_3d", torch.zeros(3), r"filter_3d: expected shape \(4,\)"),
         ("background", torch.zeros(3, requires_grad=True), "background: expected a tensor without gradient"),
+        ("blur", torch.zeros(3), r"blur: expected shape \(4,\), found \(3,\)"),
+        ("blur", torch.tensor([0.0, 1.0, -0.5, 2.0]), "blur: expected at least 0, found -0.5"),
         ("geometry", "depths", "geometry: expected one of none, depth, full, distortion, found 'depths'"),
         ("sh_degree", 4, "sh_degree: expected 0, 1, 2 or 3, found 4"),
         ("filter_2d", -0.1, "filter_2d: expected at least 0"),
         ("near", 0.0, "near: expected more than 0"),
     ],
 )
-def test_wrong_arguments_say_so(name, value, found):
-    arguments = {**scene(4, 18), "camera": view(), name: value}
+def test_wrong_arguments_are_named(backend: str, name: str, value: object, found: str) -> None:
     with pytest.raises(ValueError, match=found):
-        cpu(**arguments)
-
-
-def test_rotations_of_special_quaternions() -> None:
-    """Half a turn about z, of any length; a third of a turn takes x to y, y to z; none for a quaternion of zeros."""
-    quaternions = torch.tensor([[0, 0, 0, 2], [0.5, 0.5, 0.5, 0.5], [0, 0, 0, 0], [-3, 0, 0, 0]], dtype=torch.float64)
-    found = rotation_matrices(quaternions)
-    assert torch.equal(found[0], torch.diag(torch.tensor([-1.0, -1.0, 1.0], dtype=torch.float64)))
-    assert torch.equal(found[1], torch.eye(3, dtype=torch.float64)[[2, 0, 1]])
-    assert torch.equal(found[2], torch.eye(3, dtype=torch.float64)) and torch.equal(found[3], found[2])
+        load("rasterize", backend)(**{**scene(4, 18), "camera": view(), name: value})

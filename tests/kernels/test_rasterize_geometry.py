@@ -9,26 +9,13 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up import frontal
-from random_gaussians import assert_agree, assert_close, cpu, reference, render, scene, view
-from tolerances import DISTORTION, FLOAT32_GRADIENT, FLOAT32_VALUE, PUBLISHED_NORMAL, SURFACE_OF_DISCS
+from random_gaussians import assert_agree, assert_close, cpu, facing, reference, render, scene, view
+from tolerances import DISTORTION, FLOAT32_GRADIENT, FLOAT32_VALUE, PLANE_DEPTH, PUBLISHED_NORMAL, SURFACE_OF_DISCS
 
 from dofbench.core.cameras import Camera
 from dofbench.training.gaussians.normals import normal_consistency
 
 FRONTAL = Camera(24, 20, 30.0, 30.0, 12.5, 10.5, np.eye(4))
-
-
-def facing(depths, opacity: float = 0.4) -> dict[str, torch.Tensor]:
-    """Flat Gaussians across the axis of FRONTAL, much wider than the image."""
-    n = len(depths)
-    return {
-        "means": torch.tensor([[0.0, 0.0, float(depth)] for depth in depths]),
-        "log_scales": torch.tensor([[2.5, 2.5, -8.0]]).repeat(n, 1),
-        "quaternions": torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(n, 1),
-        "opacity_logits": torch.full((n,), math.log(opacity / (1 - opacity))),
-        "sh_dc": torch.zeros(n, 3),
-        "sh_rest": torch.zeros(n, 0, 3),
-    }
 
 
 def test_distortion_is_the_sum_over_pairs():
@@ -172,14 +159,29 @@ def test_a_tilted_plane_of_gaussians_has_its_depth_and_normals_and_agrees_with_i
     assert spread < SURFACE_OF_DISCS
 
 
-@pytest.mark.parametrize("aside", [0.0, 4e-8, 1e-2])
-def test_a_thin_gaussian_seen_along_its_plane(aside: float):
-    """On the axis, where all squares of its normal underflow in float32; a hundred-millionth of its distance beside it,
-    where it counts as seen edge-on; and further."""
-    gaussians = facing([4.0, 5.0])
-    gaussians["means"][0, 0] = aside
-    gaussians["log_scales"][0] = torch.tensor([-30.0, -1.0, -1.0])
-    options = {"camera": FRONTAL, "geometry": "full", "filter_2d": 0.3, "filter_2d_fades": False}
-    assert_agree(gaussians, **options)
-    alone = assert_agree({name: value[:1] for name, value in gaussians.items()}, **options)[0]
-    assert alone.alpha.any() and alone.normal.any() == (aside != 4e-8)
+@pytest.mark.parametrize("tilt,turn", [(0.0, 0.0), (0.7, 0.4), (-0.9, 2.0)])
+def test_a_disc_has_its_planes_depth_and_normal(tilt, turn):
+    """One flat, wide Gaussian: depth is where the ray meets its plane, the normal is the plane's."""
+    normal = np.array([math.sin(tilt) * math.cos(turn), math.sin(tilt) * math.sin(turn), -math.cos(tilt)])
+    centre = np.array([0.2, -0.1, 5.0])
+    half = tilt / 2
+    quaternion = [math.cos(half), math.sin(half) * math.sin(turn), -math.sin(half) * math.cos(turn), 0.0]
+    inputs = {
+        "means": torch.tensor(centre[None], dtype=torch.float32),
+        "log_scales": torch.tensor([[0.0, 0.0, -9.0]]),
+        "quaternions": torch.tensor([quaternion], dtype=torch.float32),
+        "opacity_logits": torch.tensor([5.0]),
+        "sh_dc": torch.zeros(1, 3),
+        "sh_rest": torch.zeros(1, 0, 3),
+    }
+    camera = Camera(64, 48, 400.0, 410.0, 15.0, 33.0, np.eye(4))
+    raster = cpu(**inputs, camera=camera, geometry="distortion")
+    ((x, y),), _ = camera.project(centre[None])
+    for row in range(int(y) - 4, int(y) + 5):
+        for column in range(int(x) - 4, int(x) + 5):
+            ray = np.array([(column + 0.5 - camera.cx) / camera.fx, (row + 0.5 - camera.cy) / camera.fy, 1.0])
+            expected = normal @ centre / (normal @ ray)
+            assert abs(float(raster.depth[row, column]) / expected - 1) < PLANE_DEPTH
+            assert abs(float(raster.median_depth[row, column]) / expected - 1) < PLANE_DEPTH
+            found = raster.normal[row, column].double().numpy() / float(raster.alpha[row, column])
+            assert np.abs(found - normal).max() < FLOAT32_GRADIENT

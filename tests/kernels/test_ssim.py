@@ -7,11 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 import scipy.signal
 import torch
+from backends import GPU, compiled
 from hypothesis import example, given
 from hypothesis import strategies as st
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE, FLOAT64_VALUE, SSIM_NEAR_ONE
@@ -203,6 +203,25 @@ def test_kernel_agrees_with_the_definition(height, width, noise, border, weighte
         assert_agrees(kernel_l1, reference_l1, prediction, target, **options)
 
 
+@pytest.mark.parametrize(
+    ("size", "options"),
+    [
+        ((11, 90), {"border": "same"}),  # two blocks across
+        ((11, 90), {"border": "valid"}),
+        ((12, 15), {"edge_weight": 2.0}),
+        ((12, 15), {"weigh_all": True, "edge_weight": 0.5}),
+        ((12, 15), {"border": "valid", "weigh_all": True}),
+        ((1, 5), {"edge_weight": 1.0, "data_range": 2.0, "window": 5, "sigma": 1.0}),
+        ((5, 1), {"edge_weight": 1.0, "data_range": 2.0, "window": 5, "sigma": 1.0}),
+    ],
+)
+@pytest.mark.parametrize("gpu", [GPU])
+def test_the_gpu_agrees_with_the_definition(gpu: str, size: tuple[int, int], options: dict) -> None:
+    prediction, target = pair(*size, 0.1, seed=1)
+    weight, function = torch.rand(size), load("ssim", gpu, function="l1_ssim")
+    assert_agrees(function, reference_l1, prediction, target, ssim_weight=0.3, weight=weight, **options)
+
+
 def test_without_weights_there_is_nothing_to_weigh_by() -> None:
     prediction, target = pair(20, 24, 0.1)
     for function in (kernel_l1, reference_l1):
@@ -230,9 +249,10 @@ def test_equal_images() -> None:
     assert gradient.abs().max() == 0.0
 
 
-def test_loss_keeps_its_digits_near_convergence() -> None:
-    prediction, target = pair(64, 64, 0.002)
-    loss = kernel_l1(prediction, target, ssim_weight=1.0).item()
+@compiled
+def test_loss_keeps_its_digits_near_convergence(backend: str) -> None:
+    prediction, target = pair(24, 24, 0.002)
+    loss = load("ssim", backend, function="l1_ssim")(prediction, target, ssim_weight=1.0).item()
     exact = reference_l1(prediction.double(), target.double(), ssim_weight=1.0).item()
     assert np.log10(exact) < -3
     assert loss == pytest.approx(exact, rel=SSIM_NEAR_ONE)
@@ -242,20 +262,6 @@ def test_noncontiguous_images() -> None:
     prediction, target = pair(20, 24, 0.1)
     turned = [image.transpose(0, 1) for image in (prediction, target)]
     assert_agrees(kernel, reference, *turned)
-
-
-def test_number_of_threads_changes_no_bit() -> None:
-    prediction, target = pair(70, 300, 0.1)
-    found = set()
-    threads = numba.get_num_threads()
-    try:
-        for count in {1, threads}:
-            numba.set_num_threads(count)
-            value, gradient = value_and_gradient(kernel_l1, prediction, target, ssim_weight=0.2, edge_weight=1.0)
-            found.add((value, gradient.numpy().tobytes()))
-    finally:
-        numba.set_num_threads(threads)
-    assert len(found) == 1
 
 
 def test_kernel_from_the_cache_gives_the_same_bits(tmp_path: Path) -> None:
@@ -275,16 +281,6 @@ def test_kernel_from_the_cache_gives_the_same_bits(tmp_path: Path) -> None:
     assert runs[0].stdout == runs[1].stdout
 
 
-def test_a_changed_target_is_seen() -> None:
-    prediction, target = pair(20, 20, 0.1)
-    before = kernel(prediction, target).item()
-    target.numpy()[:] = 0.25  # changed through numpy, so that torch's version counter doesn't notice
-    assert kernel(prediction, target).item() == pytest.approx(
-        reference(prediction.double(), target.double()).item(), abs=FLOAT32_VALUE
-    )
-    assert kernel(prediction, target).item() != before
-
-
 def test_a_prediction_changed_before_the_backward_pass_is_an_error() -> None:
     prediction, target = pair(20, 20, 0.1)
     leaf = prediction.requires_grad_()
@@ -302,8 +298,7 @@ def test_nan_comes_through(border: str, place: tuple[int, int, int]) -> None:
     prediction[place] = torch.nan
     for function in (kernel, reference):
         value, gradient = value_and_gradient(function, prediction, target, border=border)
-        assert np.isnan(value)
-        assert gradient[place].isnan()
+        assert np.isnan(value) and gradient[place].isnan()
 
 
 @pytest.mark.parametrize("function", [kernel, reference])
@@ -312,8 +307,8 @@ def test_nan_comes_through(border: str, place: tuple[int, int, int]) -> None:
     [
         (lambda p, t: ((p[1:], t), {}), "one shape"),
         (lambda p, t: ((p[..., 0], t[..., 0]), {}), r"\(H, W, C\)"),
-        (lambda p, t: ((p, t.double()), {}), "one floating type"),
-        (lambda p, t: ((p.byte(), t.byte()), {}), "one floating type"),
+        (lambda p, t: ((p, t.double()), {}), "ssim target: expected torch.float32 on cpu like prediction"),
+        (lambda p, t: ((p.byte(), t.byte()), {}), "found uint8 on cpu"),
         (lambda p, t: ((p, t.requires_grad_()), {}), "without gradient"),
         (lambda p, t: ((p[:10], t[:10]), {"border": "valid"}), "at least 11 x 11"),
         (lambda p, t: ((p, t), {"border": "reflect"}), "'same' or 'valid'"),
@@ -332,7 +327,7 @@ def test_what_cannot_be_compared_is_refused(function, change, message) -> None:
 def test_weights_that_do_not_fit_are_refused(function) -> None:
     prediction, target = pair(20, 20, 0.1)
     for weight in (torch.ones(20, 20, 3), torch.ones(20, 19), torch.ones(20, 20, dtype=torch.float64)):
-        with pytest.raises(ValueError, match="l1_ssim weight"):
+        with pytest.raises(ValueError, match="ssim weight"):
             function(prediction, target, ssim_weight=0.2, weight=weight)
     with pytest.raises(ValueError, match="without gradient"):
         function(prediction, target, ssim_weight=0.2, weight=torch.ones(20, 20, requires_grad=True))
@@ -340,5 +335,5 @@ def test_weights_that_do_not_fit_are_refused(function) -> None:
 
 def test_the_kernel_takes_float32_alone() -> None:
     prediction, target = (image.double() for image in pair(20, 20, 0.1))
-    with pytest.raises(ValueError, match="expected float32 on cpu, found torch.float64"):
+    with pytest.raises(ValueError, match="found float64 on cpu, expected float32 on cpu"):
         kernel(prediction, target)

@@ -4,21 +4,19 @@ differences."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
+from itertools import product
 
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
-from tolerances import FINITE_DIFFERENCE, FLOAT32_GRADIENT, FLOAT32_VALUE, FLOAT64_VALUE
+from backends import GPU, compiled, every
+from gpu_agreement import assert_agrees
+from tolerances import FINITE_DIFFERENCE, FLOAT32_VALUE, FLOAT64_VALUE
 from torch import Tensor
 
 from dofbench.runtime.ops import load
 
 LEAST_ALPHA = 0.1
-SIZES = st.integers(1, 90)
 
 
 def drawn(seed: int, *shapes: tuple[int, ...]) -> list[Tensor]:
@@ -26,65 +24,67 @@ def drawn(seed: int, *shapes: tuple[int, ...]) -> list[Tensor]:
     return [torch.rand(shape, generator=generator) for shape in shapes]
 
 
-def with_gradients(function: Callable[..., Tensor], learned: list[Tensor], dtype: torch.dtype, *rest: Any) -> Any:
-    """(value, gradient of each) by a random upstream gradient."""
-    inputs = [one.detach().to(dtype, copy=True).requires_grad_() for one in learned]
-    fixed = (one.to(dtype) if isinstance(one, Tensor) and one.is_floating_point() else one for one in rest)
-    value = function(*inputs, *fixed)
-    value.backward(torch.rand(value.shape, generator=torch.Generator().manual_seed(3)).to(dtype))
-    return value.detach(), *(one.grad for one in inputs)
+@compiled
+@pytest.mark.parametrize("nearer", [0.0, 0.5, 9.0])
+def test_disparities_agree_with_the_definition(backend: str, nearer: float) -> None:
+    """More pixels than one program has; with all surfaces before the camera, some, and none."""
+    depth = 2 * torch.rand(40, 37) + 0.1 - nearer
+    options = {"alpha": torch.rand(40, 37), "least_alpha": LEAST_ALPHA}
+    assert_agrees("surface", {"depth": depth}, torch.randn_like(depth), backend=backend, **options)
 
 
-def assert_alike(op: str, learned: list[Tensor], *rest: Any, **options: Any) -> None:
-    def of(backend: str, dtype: torch.dtype) -> Any:
-        kernel = load("surface", backend, function=op)
-        return with_gradients(lambda *inputs: kernel(*inputs, **options), learned, dtype, *rest)
-
-    found, expected = of("cpu", torch.float32), of("reference", torch.float64)
-    for one, other, tolerance in zip(found, expected, (FLOAT32_VALUE, *3 * [FLOAT32_GRADIENT]), strict=False):
-        scale = max(float(other.abs().max()), 1e-6)
-        assert float((one.double() - other).abs().max()) <= tolerance * scale
-
-
-@given(SIZES, SIZES, st.integers(0, 10**6), st.sampled_from([0.0, 0.5, 9.0]))
-def test_disparities_agree_with_the_definition(height: int, width: int, seed: int, nearer: float) -> None:
-    """nearer: how much of the surfaces lies behind the camera: none, a part, all."""
-    depth, alpha = drawn(seed, (height, width), (height, width))
-    assert_alike("surface", [depth * 2 + 0.1 - nearer], alpha, LEAST_ALPHA)
+@compiled
+@pytest.mark.parametrize("clipped", [(-math.inf, math.inf), (0.0, 1.0)])
+def test_circles_agree_with_the_definition(backend: str, clipped: tuple[float, float]) -> None:
+    disparity = torch.rand(40, 37)
+    disparity = torch.where(((disparity - 0.2).abs() < 0.01) | ((disparity - 0.7).abs() < 0.01), 0.3, disparity)
+    inputs = {"disparity": disparity, "slope": torch.tensor(0.8), "offset": torch.tensor(-0.3)}
+    numbers = {"low": 0.2, "extent": 0.5, "scale": 6.0, "clipped": clipped}
+    assert_agrees("surface", inputs, torch.randn_like(disparity), backend=backend, function="circle", **numbers)
 
 
-@given(SIZES, st.integers(0, 10**6), st.booleans())
-def test_circles_agree_with_the_definition(size: int, seed: int, clipped: bool) -> None:
-    disparity, lens = drawn(seed, (size, 7), (2,))
-    # Away from the ends of the range, on either side of which rounding may put a disparity.
-    disparity = torch.where((disparity - 0.2).abs() < 0.01, 0.3, disparity)
-    disparity = torch.where((disparity - 0.7).abs() < 0.01, 0.3, disparity)
-    limits = (0.0, 1.0) if clipped else (-math.inf, math.inf)
-    numbers = {"low": 0.2, "extent": 0.5, "scale": 6.0, "clipped": limits}
-    assert_alike("circle", [disparity, lens[0] - 0.5, lens[1] - 0.5], **numbers)
-
-
-@given(
-    SIZES,
-    st.integers(1, 300),
-    st.integers(0, 10**6),
-    st.booleans(),
-    st.booleans(),
-    st.booleans(),
-    st.sampled_from([None, 0.6]),
+@compiled
+@pytest.mark.parametrize(
+    ("shared", "weighted", "extent", "squared"),
+    list(product((False, True), (False, True), (None, 0.6), (False, True))),
 )
 def test_errors_of_depth_agree_with_the_definition(
-    width: int, count: int, seed: int, squared: bool, shared: bool, weighted: bool, extent: float | None
+    backend: str, shared: bool, weighted: bool, extent: float | None, squared: bool
 ) -> None:
-    """Several samples lie in one pixel wherever there are more of them than pixels."""
-    depth, alpha, weight, known, shares, place = drawn(seed, *3 * [(3, width)], *3 * [(count,)])
-    at = (place * 3 * width).long().clamp(max=3 * width - 1).sort().values
-    samples = at // width, at % width, known + 1, shares if shared else None, weight if weighted else None
+    """More samples than one program has, several of them in one pixel."""
+    at = torch.randint(300, (1400,)).sort().values
+    samples = {"rows": at // 20, "columns": at % 20}
+    given = {"known": torch.rand(len(at)) + 1, "shares": torch.rand(len(at)), "weight": torch.rand(15, 20)}
+    given |= {} if shared else {"shares": None}
+    given |= {} if weighted else {"weight": None}
     options = {"most": int(at.bincount().max()), "least_alpha": LEAST_ALPHA, "extent": extent, "squared": squared}
-    assert_alike("known_depth", [depth + 0.5], alpha, *samples, **options)
+    assert_agrees(
+        "surface", {"depth": torch.rand(15, 20) + 0.5}, function="known_depth", backend=backend,
+        alpha=torch.rand(15, 20), **samples, **given, **options,
+    )  # fmt: skip
 
 
-@pytest.mark.parametrize("backend", ["cpu", "reference"])
+@compiled
+def test_samples_of_a_pixel_are_added_up_over_the_border_of_programs(backend: str) -> None:
+    """All but the first and the last sample lie in one pixel, whose first sample adds up those of several programs."""
+    at = torch.tensor([0, *[7] * 1100, 19])
+    assert_agrees(
+        "surface", {"depth": torch.rand(4, 5) + 0.5}, function="known_depth", backend=backend, alpha=torch.ones(4, 5),
+        rows=at // 5, columns=at % 5, known=torch.rand(len(at)) + 1, shares=None, weight=None, most=1100,
+        least_alpha=LEAST_ALPHA, extent=0.5, squared=True,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("backend", [GPU])
+def test_how_many_samples_a_pixel_has_must_be_known(backend: str) -> None:
+    depth, at = torch.ones(2, 2), torch.zeros(1, dtype=torch.int64)
+    with pytest.raises(ValueError, match="surface most: expected the number of samples in a pixel, found None"):
+        load("surface", backend, function="known_depth")(
+            depth, depth, at, at, torch.ones(1), None, None, most=None, least_alpha=0.1, extent=None, squared=False
+        )
+
+
+@every
 def test_what_it_means_in_numpy(backend: str) -> None:
     """Formulae of the conventions, written anew: R = 0.02 W A (d - F), d between the ends of the range."""
     depth, alpha = (one.numpy() for one in drawn(4, (5, 9), (5, 9)))
@@ -138,7 +138,7 @@ def test_the_definitions_against_finite_differences() -> None:
             assert float(gradient[place]) == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=FINITE_DIFFERENCE)
 
 
-@pytest.mark.parametrize("backend", ["cpu", "reference"])
+@every
 def test_pixels_without_a_surface_have_no_gradient_whatever_comes_from_behind(backend: str) -> None:
     depth = torch.tensor([[2.0, math.nan, 3.0, -1.0]], requires_grad=True)
     found = load("surface", backend)(depth, torch.tensor([[1.0, 1.0, 0.05, 1.0]]), LEAST_ALPHA)
@@ -157,9 +157,9 @@ def test_a_radius_keeps_the_shape_and_numbers_are_a_lens_too() -> None:
 
 
 def test_tensors_that_it_cannot_take_are_named() -> None:
-    with pytest.raises(ValueError, match="surface on the CPU, depth: expected float32 on cpu, found torch.float64"):
+    with pytest.raises(ValueError, match="surface alpha: expected torch.float64 on cpu like depth, found"):
         load("surface", "cpu")(torch.ones(2, 2).double(), torch.ones(2, 2), LEAST_ALPHA)
-    with pytest.raises(ValueError, match=r"surface: expected pictures of \(2, 3\) pixels, found \(3, 2\)"):
+    with pytest.raises(ValueError, match=r"surface: expected images of \(2, 3\) pixels, found \(3, 2\)"):
         load("surface", "cpu")(torch.ones(2, 3), torch.ones(3, 2), LEAST_ALPHA)
 
 

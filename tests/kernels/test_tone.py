@@ -6,9 +6,11 @@ import numba
 import numpy as np
 import pytest
 import torch
+from backends import compiled
+from gpu_agreement import assert_agrees
 from hypothesis import given
 from hypothesis import strategies as st
-from tolerances import FINITE_DIFFERENCE, FLOAT32_VALUE
+from tolerances import FINITE_DIFFERENCE
 
 from dofbench.runtime.ops import load
 
@@ -41,20 +43,19 @@ def test_the_definition_is_a_power_and_below_its_toe_a_line_through_zero():
     assert found.tolist() == [-0.125, 0.0, 0.025, 0.0625, 1.0, 9.0]
 
 
-@given(st.integers(0, 2**31), exponents)
-def test_the_cpu_agrees_with_the_definition(seed, exponent):
-    found = torch.from_numpy(tones(seed)).requires_grad_()
-    expected = found.detach().double().requires_grad_()
-    upstream = torch.from_numpy(np.random.default_rng(seed).standard_normal(len(found)))
-    a, b = cpu(found, exponent, *line(exponent)), reference(expected, exponent, *line(exponent))
-    a.backward(upstream.float())
-    b.backward(upstream.float().double())
-    torch.testing.assert_close(a.double(), b, rtol=FLOAT32_VALUE, atol=0)
-    torch.testing.assert_close(found.grad.double(), expected.grad, rtol=FLOAT32_VALUE, atol=0)
+@pytest.mark.parametrize("exponent", [0.25, 1 / 2.2, 1.0, 2.2, 4.0])
+@compiled
+def test_it_agrees_with_the_definition(backend: str, exponent: float) -> None:
+    values = torch.cat([torch.rand(1500) * 1.7 - 0.2, torch.from_numpy(tones(1))])
+    toe, slope = line(exponent)
+    upstream = torch.randn(len(values))
+    assert_agrees("tone", {"values": values}, upstream, backend=backend, exponent=exponent, toe=toe, slope=slope)
 
 
-def test_infinity_and_nan_pass():
-    found = cpu(torch.tensor([float("inf"), float("-inf"), float("nan")]), 2.2, *line(2.2))
+@compiled
+def test_infinity_and_nan_pass(backend: str) -> None:
+    values = torch.tensor([float("inf"), float("-inf"), float("nan")])
+    found = load("tone", backend)(values, 2.2, *line(2.2))
     assert found[:2].tolist() == [float("inf"), float("-inf")] and found[2].isnan()
 
 
@@ -83,7 +84,7 @@ def test_a_value_has_the_same_bits_wherever_it_stands_and_on_any_number_of_threa
         assert torch.equal(result[:, :43], result[:, -43:])
 
 
-@pytest.mark.parametrize("values", [torch.rand(3, dtype=torch.float64), torch.rand(3, device="meta")])
-def test_other_tensors_are_refused(values):
-    with pytest.raises(ValueError, match="expected float32 on cpu"):
-        cpu(values, 2.0, *line(2.0))
+@compiled
+def test_other_tensors_are_refused(backend: str) -> None:
+    with pytest.raises(ValueError, match=f"kernel tone, backend {backend}: found float64 on cpu, expected float32 on"):
+        load("tone", backend)(torch.rand(3, dtype=torch.float64), 2.0, *line(2.0))

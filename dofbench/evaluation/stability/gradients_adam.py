@@ -16,16 +16,16 @@ _SIGNS = np.array([1.0, -1.0, 0.0, 1.0, -1.0])
 
 
 def _stepped(
-    setting: Setting, gradient: np.ndarray, steps: int, unless: float | None = None, finite: bool = False
+    setting: Setting, gradient: np.ndarray, steps: int, found_inf: float | None = None, finite: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(values that began at 0, the running mean of the gradient) after so many steps along one gradient."""
+    """(values that began at 0, exp_avg) after so many steps along one gradient."""
     moved, first, second = (setting.tensor(np.zeros_like(gradient)) for _ in range(3))
     slope = setting.tensor(gradient)
-    watched = None if unless is None else setting.tensor(unless).reshape(())
+    watched = None if found_inf is None else setting.tensor(found_inf).reshape(())
     for step in range(1, steps + 1):
         setting.kernel("adam")(
             [moved], [slope], [first], [second],
-            steps=[step], rates=[_RATE], epsilon=_EPSILON, finite=finite, unless=watched,
+            steps=[step], lrs=[_RATE], eps=_EPSILON, finite=finite, found_inf=watched,
         )  # fmt: skip
     return values(moved), values(first)
 
@@ -56,7 +56,7 @@ def _left_out(setting: Setting, bad: float) -> Found:
 def _held(setting: Setting) -> Found:
     gradient = _SIGNS.copy()
     gradient[3] = math.nan
-    moved, first = _stepped(setting, gradient, 2, unless=1.0)
+    moved, first = _stepped(setting, gradient, 2, found_inf=1.0)
     return Found(float(np.abs(np.stack([moved, first])).sum() != 0.0), 0.0)
 
 

@@ -1,19 +1,21 @@
-"""The registry of kernel ops and their backends, which are the files `kernels/<op>/<backend>.py`.
+"""The registry of kernel ops.
 
-An op is a folder: one function of the op's name (`ssim` and `stereo` have more), with the same signature in every
-backend. A backend is a module of the folder without an underscore in its name, which declares in `BACKEND` the devices
-and types that it takes; its parts are called `<backend>_<part>.py`. `reference` is written in plain torch, defines the
-op, and exists for every op; another backend may exist for a single op. A backend is added by adding its file.
+An op is a folder of `kernels/`. `op.py` owns the op's public functions (`__all__`; the first has the op's name):
+signature, documentation, argument checks. Each other module without an underscore in its name is a backend, which
+implements these functions and declares in `BACKEND` the devices and types that it takes; its parts are called
+`<backend>_<part>.py`. `reference` is plain torch, defines the op and exists for every op. A backend is added by adding
+its file.
 
     blurred = load("scatter")(image, radius)      # the backend that suits the tensors
     exact = load("scatter", "reference")          # that backend
 
-Nothing of an op is imported before it is used.
+Nothing of an op is imported before it is loaded, no backend before it is called.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import os
+from collections.abc import Callable
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
@@ -27,50 +29,109 @@ from dofbench.runtime.backend import Backend
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["backend_of", "backends", "chosen", "is_warm", "load", "ops", "require", "runs_on", "warm_up"]
+__all__ = [
+    "AUTO", "backend_of", "backends", "chosen", "functions", "implementation", "is_warm", "load", "ops", "require",
+    "runs_on", "warm_up",
+]  # fmt: skip
 __path__ = [str(content_folder("kernels"))]
 
-REFERENCE = "reference"
+AUTO = "auto"
+_DEFINITION, _REFERENCE = "op", "reference"
 
 
 def ops() -> tuple[str, ...]:
-    """Every op there is, sorted."""
-    return tuple(sorted(_found(tuple(__path__))))
+    """Every op, sorted."""
+    return tuple(sorted(file.parent.name for root in __path__ for file in Path(root).glob(f"*/{_DEFINITION}.py")))
 
 
+@cache
 def backends(op: str) -> tuple[str, ...]:
     """The backends of an op, sorted, the reference last. Raises InputError for an unknown op."""
-    found = _found(tuple(__path__))
-    if op not in found:
+    if op not in ops():
         raise unknown("kernel", op, ops())
-    return found[op]
+    names = {file.stem for root in __path__ for file in (Path(root) / op).glob("*.py") if "_" not in file.stem}
+    return *sorted(names - {_DEFINITION, _REFERENCE}), _REFERENCE
 
 
-def backend_of(op: str, backend: str) -> Backend:
-    """What a backend of an op declares about itself; imports the backend. Raises InputError for an unknown backend."""
-    declared: Backend = _module(op, backend).BACKEND
-    return declared
+@cache
+def _module(op: str, name: str) -> ModuleType:
+    if name != _DEFINITION and name not in backends(op):
+        raise unknown(f"backend of kernel {op}", name, (AUTO, *backends(op)))
+    return import_module(f"dofbench.runtime.ops.{op}.{name}")
 
 
-def load(op: str, backend: str = "auto", *, function: str | None = None) -> Callable[..., Any]:
-    """The function of kernel `op`.
+def functions(op: str) -> tuple[str, ...]:
+    """The public functions of an op; the first has the op's name. Raises InputError for an unknown op."""
+    backends(op)
+    return tuple(_module(op, _DEFINITION).__all__)
 
-    backend: a backend's name, or "auto", which chooses at each call: the first backend that takes the tensors' device
-    and the first tensor's element type; the reference if no other backend takes them. function: name of another public
-    function that the op has in every backend, for example `l1_ssim` of "ssim". Raises InputError for an unknown op or
-    backend; so does a call with "auto" where no backend takes the tensors, or where they lie on several devices.
+
+def backend_of(op: str, name: str) -> Backend:
+    """The declaration of a backend; imports it. Raises InputError for an unknown op or backend."""
+    return _module(op, name).BACKEND
+
+
+def load(op: str, backend: str = AUTO, *, function: str | None = None) -> Callable[..., Any]:
+    """A public function of an op (default: the one of the op's name), as `kernels/<op>/op.py` documents it.
+
+    backend: a backend's name, or "auto", which chooses by the tensors at each call: the first backend that takes their
+    device and element type. Raises InputError for an unknown op, function or backend; a call raises it where no backend
+    takes the tensors.
     """
-    if backend != "auto":
-        return _function(op, backend, function)
-    backends(op)  # raises for an unknown op
-    return partial(_dispatched, op, function)
+    name = function or op
+    if name not in functions(op):
+        raise unknown(f"function of kernel {op}", name, functions(op))
+    found: Callable[..., Any] = getattr(_module(op, _DEFINITION), name)
+    if backend == AUTO:
+        return found
+    _module(op, backend)
+    return partial(found, backend=backend)
+
+
+def implementation(op: str, backend: str, **tensors: Tensor | None) -> Any:
+    """The backend module that computes a call: `backend`, or the one that suits the tensors for "auto".
+
+    tensors: the call's floating-point tensors by argument name, the first not None. A training step on a GPU waits for
+    the host, which calls this some twenty times a step, so the choice is cached. Raises ValueError for tensors of
+    several types or devices, InputError for tensors that the backend doesn't take.
+    """
+    name, first = next(iter(tensors.items()))
+    assert first is not None
+    dtype, device = first.dtype, first.device
+    for other, tensor in tensors.items():
+        if tensor is not None and (tensor.dtype != dtype or tensor.device != device):
+            found = f"{tensor.dtype} on {tensor.device}"
+            raise ValueError(f"{op} {other}: expected {dtype} on {device} like {name}, found {found}")
+    return _suiting(op, backend, device.type, dtype)
+
+
+@cache
+def _suiting(op: str, backend: str, device: str, dtype: object) -> ModuleType:
+    kind = str(dtype).removeprefix("torch.")
+    if backend == AUTO:
+        return _module(op, chosen(op, device, kind))
+    declared = backend_of(op, backend)
+    # Triton's interpreter runs a GPU's kernels on tensors of the CPU.
+    on = "cuda" if os.environ.get("TRITON_INTERPRET") == "1" and "cpu" not in declared.devices else device
+    if not declared.takes(on, kind):
+        raise InputError(f"kernel {op}, backend {backend}", f"{kind} on {device}", str(declared))
+    return _module(op, backend)
+
+
+def chosen(op: str, device: str = "cpu", dtype: str = "float32") -> str:
+    """The backend that a call with such tensors gets: the first that takes them.
+
+    Raises InputError where no backend of the op takes them.
+    """
+    for name in backends(op):
+        if backend_of(op, name).takes(device, dtype):
+            return name
+    raise InputError(f"kernel {op}", f"tensors of {dtype} on {device}", _offer(op))
 
 
 def runs_on(op: str, device: str) -> bool:
-    """Whether any backend of the op takes tensors of this kind of device, of some element type.
-
-    Asks the reference first, because importing it loads no more than torch.
-    """
+    """Whether any backend of the op takes tensors of this kind of device, of some element type."""
+    # The reference first, because importing it loads no more than torch.
     return any(device in backend_of(op, name).devices for name in reversed(backends(op)))
 
 
@@ -80,17 +141,6 @@ def require(op: str, device: str, who: str) -> None:
         raise InputError(who, f"the kernel {op!r}", f"one of {', '.join(ops())}")
     if not runs_on(op, device):
         raise InputError(f"{who} on {device}", f"kernel {op} without a backend there", _offer(op))
-
-
-def chosen(op: str, device: str = "cpu", dtype: str = "float32") -> str:
-    """The backend that a call with such tensors gets: the first that takes them, the reference if no other does.
-
-    Raises InputError where no backend of the op takes them.
-    """
-    for name in backends(op):
-        if backend_of(op, name).takes(device, dtype):
-            return name
-    raise InputError(f"kernel {op}", f"tensors of {dtype} on {device}", _offer(op))
 
 
 def warm_up(op: str, device: str = "cpu", dtype: str = "float32", **options: Any) -> None:
@@ -103,64 +153,5 @@ def is_warm(op: str, device: str = "cpu", dtype: str = "float32") -> bool:
     return backend_of(op, chosen(op, device, dtype)).is_warm()
 
 
-def _dispatched(op: str, function: str | None, *arguments: Any, **options: Any) -> Any:
-    tensors = _tensors((*arguments, *options.values()))
-    if not tensors:
-        raise InputError(f"kernel {op}", "no tensor among its arguments", "at least one")
-    device = tensors[0].device
-    if any(tensor.device != device for tensor in tensors):
-        devices = sorted({str(tensor.device) for tensor in tensors})
-        raise InputError(f"kernel {op}", f"tensors on {' and '.join(devices)}", "all on one device")
-    backend = _suiting(tuple(__path__), op, device.type, tensors[0].dtype)
-    return _function(op, backend, function)(*arguments, **options)
-
-
-def _tensors(arguments: Iterable[Any]) -> list[Tensor]:
-    """Those among the arguments, and in sequences among them."""
-    from torch import Tensor
-
-    found = []
-    for argument in arguments:
-        if isinstance(argument, Tensor):
-            found.append(argument)
-        elif isinstance(argument, list | tuple):
-            found += [one for one in argument if isinstance(one, Tensor)]
-    return found
-
-
-@cache
-def _suiting(roots: tuple[str, ...], op: str, device: str, dtype: object) -> str:
-    """The backend that such tensors get, which is kept, and so is its module: a training step on a GPU waits for the
-    host, which would choose some twenty times a step. roots: where ops are, so that new ones are looked for."""
-    return chosen(op, device, str(dtype).removeprefix("torch."))
-
-
 def _offer(op: str) -> str:
-    return "what a backend of it takes: " + "; ".join(f"{name}: {backend_of(op, name)}" for name in backends(op))
-
-
-def _function(op: str, backend: str, function: str | None) -> Callable[..., Any]:
-    found: Callable[..., Any] = getattr(_module(op, backend), function or op)
-    return found
-
-
-@cache
-def _found(roots: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
-    """Op -> its backends, the reference last, as the files in these folders name them."""
-    names: dict[str, set[str]] = {}
-    for root in roots:
-        for file in Path(root).glob("*/*.py"):
-            if "_" not in file.stem:
-                names.setdefault(file.parent.name, set()).add(file.stem)
-    return {op: (*sorted(found - {REFERENCE}), REFERENCE) for op, found in names.items() if REFERENCE in found}
-
-
-def _module(op: str, backend: str) -> ModuleType:
-    return _imported(tuple(__path__), op, backend)
-
-
-@cache
-def _imported(roots: tuple[str, ...], op: str, backend: str) -> ModuleType:
-    if backend not in backends(op):
-        raise InputError(f"backend of kernel {op}", repr(backend), f"auto or one of {', '.join(backends(op))}")
-    return import_module(f"dofbench.runtime.ops.{op}.{backend}")
+    return "; ".join(f"{name}: {backend_of(op, name)}" for name in backends(op))

@@ -23,7 +23,7 @@ class RowAdam:
     def __init__(self, values: Tensor, *, dense: bool = False):
         self.values = values
         self._dense = dense
-        self._first, self._second = torch.zeros_like(values), torch.zeros_like(values)
+        self._exp_avg, self._exp_avg_sq = torch.zeros_like(values), torch.zeros_like(values)
         self._visits = [0] * len(values)  # on the host, which would otherwise wait for the device at every step
         self._leaf: Tensor | None = None
 
@@ -58,7 +58,7 @@ class RowAdam:
         for visits, alike in groupby(rows, self._visits.__getitem__):
             numbers = list(alike)
             some = slice(numbers[0], numbers[-1] + 1)
-            moments = self._first[some], self._second[some]
+            moments = self._exp_avg[some], self._exp_avg_sq[some]
             if row is None:
                 yield self.values[some], gradient[some], *moments, visits, 0
             else:  # all rows, or this one alone
@@ -73,4 +73,4 @@ def step_together(tables: Iterable[tuple[RowAdam, int | None]], rate: float) -> 
     due = [part for table, row in tables for part in table._due(row)]
     if due:
         *tensors, steps, rows = zip(*due, strict=True)
-        load("adam")(*tensors, steps=steps, rates=[rate] * len(due), epsilon=_EPSILON, rows=rows, finite=True)
+        load("adam")(*tensors, steps=steps, lrs=[rate] * len(due), eps=_EPSILON, rows=rows, finite=True)

@@ -37,12 +37,12 @@ class RateOptions:
 class _Moments:
     """Adam's means of a parameter's gradient and of its square, and how many steps they are from."""
 
-    first: Tensor
-    second: Tensor
+    exp_avg: Tensor
+    exp_avg_sq: Tensor
     steps: int = 0
 
     def copy(self) -> _Moments:
-        return _Moments(self.first.clone(), self.second.clone(), self.steps)
+        return _Moments(self.exp_avg.clone(), self.exp_avg_sq.clone(), self.steps)
 
 
 @dataclass(frozen=True)
@@ -72,9 +72,9 @@ class GaussianOptimiser:
         self.means_rate = 0.0
         """The rate of the means in the last step, scene units; 0 before the first."""
 
-    def step(self, progress: float, cooldown: float = 1.0, unless: Tensor | None = None) -> None:
+    def step(self, progress: float, cooldown: float = 1.0, found_inf: Tensor | None = None) -> None:
         """One Adam step, all rates times `cooldown`; the means' rate falls log-linearly with `progress` (0 ... 1).
-        unless: a scalar on the parameters' device; if it is 1, nothing is changed."""
+        found_inf: a scalar on the parameters' device; if it is 1, nothing is changed."""
         options = self._options
         decay = (options.means_lr_final / options.means_lr) ** progress
         self.means_rate = self._rates["means"] * decay * cooldown
@@ -88,12 +88,12 @@ class GaussianOptimiser:
             self._adam(
                 list(due.values()),
                 [parameter.grad for parameter in due.values()],
-                [one.first for one in moments],
-                [one.second for one in moments],
+                [one.exp_avg for one in moments],
+                [one.exp_avg_sq for one in moments],
                 steps=[one.steps for one in moments],
-                rates=[self.means_rate if name == "means" else self._rates[name] * cooldown for name in due],
-                epsilon=_EPSILON,
-                unless=unless,
+                lrs=[self.means_rate if name == "means" else self._rates[name] * cooldown for name in due],
+                eps=_EPSILON,
+                found_inf=found_inf,
             )
         self.discard_gradients()
 
@@ -120,25 +120,25 @@ class GaussianOptimiser:
         for name, old, moments in self._each():
             new = torch.cat([old.detach()[kept], added[name]]).contiguous().requires_grad_()
             if moments is not None:
-                moments.first, moments.second = (
+                moments.exp_avg, moments.exp_avg_sq = (
                     torch.cat([moment[kept], torch.zeros_like(added[name])]).contiguous()
-                    for moment in (moments.first, moments.second)
+                    for moment in (moments.exp_avg, moments.exp_avg_sq)
                 )
             self.gaussians.parameters[name] = new
 
     def forget(self, rows: Tensor) -> None:
         """Forget the moments of these Gaussians."""
         for moments in self._moments.values():
-            moments.first[rows] = 0
-            moments.second[rows] = 0
+            moments.exp_avg[rows] = 0
+            moments.exp_avg_sq[rows] = 0
 
     def replace(self, name: str, value: Tensor) -> None:
         """Overwrite one parameter and forget its moments (opacity reset)."""
         with torch.no_grad():
             self.gaussians.parameters[name].copy_(value)
         if moments := self._moments.get(name):
-            moments.first.zero_()
-            moments.second.zero_()
+            moments.exp_avg.zero_()
+            moments.exp_avg_sq.zero_()
 
     def _each(self) -> list[tuple[str, Tensor, _Moments | None]]:
         return [(name, value, self._moments.get(name)) for name, value in self.gaussians.parameters.items()]

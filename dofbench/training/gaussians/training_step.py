@@ -81,7 +81,7 @@ def _check_gradients(state: TrainingState, place: Place) -> None:
 
 def _learn(state: TrainingState, progress: float, view: Photograph) -> None:
     cooldown = state.options.schedule.cooldown(progress)
-    state.optimiser.step(progress, cooldown, unless=state.watch.found)
+    state.optimiser.step(progress, cooldown, found_inf=state.watch.found)
     for learned in state.learned().values():
         learned.step(view.index, progress, cooldown)
 
