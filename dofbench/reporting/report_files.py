@@ -140,8 +140,8 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
     files += [out / "leaderboard.md", out / "report.html"]
     write_text(files[-2], markdown("leaderboard.md", view=view))
     write_text(files[-1], html("report.html", view=view, **page_data(view)))
-    for file in files:
-        tell(f"wrote {file}")
+    tell(f"wrote {len(files)} files to {out}")
+    tell(f"open {files[-1]}")
     return Written(tuple(files), collection.unreadable)
 
 

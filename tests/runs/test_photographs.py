@@ -8,11 +8,11 @@ import re
 import shutil
 import subprocess
 import sys
-from html import escape
 from pathlib import Path
 
 import cv2
 import pytest
+from markupsafe import escape
 
 from dofbench.cli import app
 from dofbench.cli.from_photographs import Own, find_own, outlook
@@ -166,7 +166,7 @@ def test_from_photographs_to_a_page_and_again(desk: Path):
     assert result.spec.dataset == "my desk"
     reason = next(stage["reason"] for stage in result.plan["stages"] if stage["name"] == "sparse_depth")
     assert f"stage sparse_depth: runs: {reason}" in said
-    assert escape(reason) in (place / "report/report.html").read_text()
+    assert str(escape(reason)) in (place / "report/report.html").read_text()
     # The page doesn't include other results below the same folder.
     other = desk / "results/another" / folder.name
     shutil.copytree(folder, other)
