@@ -75,13 +75,6 @@ def test_a_forced_stage_is_no_second_seed(plain, call, made) -> None:
             edit_json(file, _add_a_stage)
 
 
-def test_scenes_that_no_method_shares_have_no_means(plain, call, made, tmp_path: Path) -> None:
-    call()
-    call(data=write_dataset(tmp_path / "other", name="ripples", seed=1), method="pinhole")
-    written, out, _ = made()
-    assert written and "No mean over 2 scenes: no row has a score on each of them." in (out / "report.html").read_text()
-
-
 def test_a_stage_that_one_scene_does_not_need_makes_no_other_variant(plain, call, made, tmp_path: Path) -> None:
     sharp = write_dataset(tmp_path / "sharp", name="ripples", in_focus=True)
     found = [read_result(call(data=data).folder) for data in (tmp_path / "data", sharp)]

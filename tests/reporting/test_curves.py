@@ -79,11 +79,6 @@ def test_spans_cover_the_front_and_change_hands(curves) -> None:
     assert held[0][1] == (front[0].time, front[0].score) and held[-1][2] == (front[-1].time, front[-1].score)
 
 
-def test_a_curve_that_failed_is_not_on_the_front() -> None:
-    assert pareto_front([(), ((1.0, 2.0),)], higher_is_better=True)[0].series == 1
-    assert pareto_front([()], higher_is_better=True) == ()
-
-
 # ---- the median over seeds ----
 
 
@@ -175,11 +170,6 @@ def test_a_run_that_failed_reaches_nothing() -> None:
     assert cell.text == "not reached"
 
 
-def test_a_nan_reaches_nothing() -> None:
-    assert reached(Curve(0, Status.OK, ((1.0, math.nan),), 0), 0.0, higher_is_better=True).time is None
-    assert reached(Curve(0, Status.OK, ((1.0, math.nan),), 0), 0.0, higher_is_better=False).time is None
-
-
 # ---- levels ----
 
 
@@ -189,13 +179,6 @@ def test_levels_by_the_stated_rule() -> None:
     falling = series(((1.0, 0.2), (9.0, 0.006)))
     assert levels([falling], higher_is_better=False) == (0.105, 0.045, 0.02)
     assert levels([series(((1.0, 15.0),))], higher_is_better=True) == ()
-
-
-@given(st.lists(CURVES, min_size=1, max_size=4), st.booleans())
-def test_the_best_series_reaches_every_level(curves, higher_is_better: bool) -> None:
-    every = [series(curve) for curve in curves]
-    for level in levels(every, higher_is_better=higher_is_better):
-        assert any(reach_cell(one, level, higher_is_better=higher_is_better).count for one in every)
 
 
 def test_levels_on_the_command_line() -> None:

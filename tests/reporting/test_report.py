@@ -245,15 +245,6 @@ def test_a_run_that_died_is_a_row_and_one_at_work_is_not(plain, call, made, tmp_
     }
 
 
-def test_no_dataset_means_no_pictures_but_a_report(call, made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(draw, "PLOTTED", ())
-    call()
-    (tmp_path / "data" / "dataset.json").unlink()
-    written, out, said = made()
-    assert written and "no pictures of waves, refocus-v3" in said
-    assert not (out / "comparison").exists()
-
-
 def test_no_results_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such folder"):
         report(Report(tmp_path / "nowhere", tmp_path / "out"))

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
-from tolerances import FLIPPED_AT_RANDOM, FLOAT64_VALUE
+from tolerances import FLIPPED_AT_RANDOM
 
 from dofbench.core.errors import Status
 from dofbench.evaluation.results.collecting import Entry
@@ -121,14 +121,6 @@ def test_holm_by_hand() -> None:
     assert holm([0.9, 0.8]) == [1.0, 1.0] and holm([None]) == [None] and holm([]) == []
 
 
-@given(st.lists(st.floats(0, 1), min_size=1, max_size=8))
-def test_holm_lies_between_the_plain_and_bonferroni_s(values: list[float]) -> None:
-    adjusted = holm(values)
-    assert all(p <= a <= min(1, p * len(values)) + FLOAT64_VALUE for p, a in zip(values, adjusted, strict=True))
-    order = np.argsort(values, kind="stable")
-    assert list(np.array(adjusted)[order]) == sorted(adjusted)
-
-
 def shown(found: Difference, column: str) -> str:
     """The difference as Markdown shows it."""
     table = Table("", (Heading("a"),), ((difference(Compared(column, found)),),), names=0)
@@ -157,25 +149,6 @@ def test_one_training_and_few_views_are_said() -> None:
     assert shown(once, "psnr").endswith("p = 0.010, **better** (one seed)")
     assert shown(Difference(3, 1.0, 0.1, 0.25), "psnr") == "+1.00, p = 0.250"
     assert shown(Difference(8, math.nan, None, None), "psnr") == "+nan"
-
-
-def test_comparisons_of_a_column_are_judged_by_their_adjusted_p() -> None:
-    """Holm by hand: of three, the least times 3, the next times 2, the last as it is, and none below its predecessor.
-    Two at 0.03 would each be significant alone, and neither is beside the other."""
-    compared = [Compared("psnr", Difference(9, 1.0, 0.5, p, low=0.2, high=1.8)) for p in (0.04, 0.011, 0.02, None)] + [
-        Compared("psnr", None, "no views")
-    ]
-    assert [one.verdict for one in compared] == ["better", "better", "better", "", ""]
-    found = adjusted(compared)
-    assert [one.difference.p if one.difference else None for one in found] == [
-        pytest.approx(0.04),
-        pytest.approx(0.033),
-        pytest.approx(0.04),
-        None,
-        None,
-    ]
-    pair = adjusted([Compared("psnr", Difference(9, 1.0, 0.5, 0.03, low=0.2, high=1.8))] * 2)
-    assert [one.verdict for one in pair] == ["", ""]
 
 
 # ---- pairs of runs ----
