@@ -110,7 +110,7 @@ def test_a_page_has_no_elements_but_its_own(text: str, other: str) -> None:
         )
         items = (visible(text).replace("*", "").replace("`", ""),)
         inside = Section(text, command=f"a {other}", items=items, sections=(Section(text, tables=(table,)),))
-        return _Seen(markdown("ablation.md", page=inside)).elements
+        return _Seen(markdown("ablation", page=inside)).elements
 
     assert page(text, other) == page("x" if visible(text) else "", "y" if visible(other) else "")
 

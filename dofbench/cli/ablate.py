@@ -67,7 +67,7 @@ def _write(settings: Ablate, plan: Plan, ended: Ended) -> list[Path]:
         filled = fill(table_plan, ended)
         page = ablation_page(filled, settings)
         written = [settings.out / f"{page.id}{suffix}" for suffix in (".md", ".csv", "-summary.csv")]
-        write_text(written[0], markdown("ablation.md", page=page))
+        write_text(written[0], markdown("ablation", page=page))
         write_csv(written[1], CELL_COLUMNS, cell_rows(filled))
         write_csv(written[2], SUMMARY_COLUMNS, summary_rows(filled))
         files += [written[0], write_document(settings.out, page), *written[1:]]

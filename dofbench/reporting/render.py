@@ -35,15 +35,15 @@ class Footnotes:
         return [(number, reason) for reason, number in self._numbers.items()]
 
 
-def markdown(template: str, **content: Any) -> str:
-    """A Markdown page. Parts are separated by empty lines."""
-    text = markdown_environment().get_template(template).render(notes=Footnotes(), **content)
+def markdown(name: str, **content: Any) -> str:
+    """The page `name`.md. Parts are separated by empty lines."""
+    text = markdown_environment().get_template(f"{name}.md.j2").render(notes=Footnotes(), **content)
     return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
 
 
-def html(template: str, **content: Any) -> str:
-    """An HTML page."""
-    return html_environment().get_template(template).render(notes=Footnotes(), version=__version__, **content)
+def html(name: str, **content: Any) -> str:
+    """The page `name`.html."""
+    return html_environment().get_template(f"{name}.html.j2").render(notes=Footnotes(), version=__version__, **content)
 
 
 @cache

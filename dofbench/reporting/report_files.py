@@ -138,8 +138,8 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
         ablations=ablations,
     )
     files += [out / "leaderboard.md", out / "report.html"]
-    write_text(files[-2], markdown("leaderboard.md", view=view))
-    write_text(files[-1], html("report.html", view=view, **page_data(view)))
+    write_text(files[-2], markdown("leaderboard", view=view))
+    write_text(files[-1], html("report", view=view, **page_data(view)))
     tell(f"wrote {len(files)} files to {out}")
     tell(f"open {files[-1]}")
     return Written(tuple(files), collection.unreadable)

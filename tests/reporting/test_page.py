@@ -47,7 +47,7 @@ def of(made_report, method: str, **spec) -> Result:
 def shown(*sections: Section) -> str:
     """The sections as the page shows them."""
     template = (
-        "{% import 'blocks.html' as html with context %}{% for one in sections %}{{ html.section(one) }}{% endfor %}"
+        "{% import 'blocks.html.j2' as html with context %}{% for one in sections %}{{ html.section(one) }}{% endfor %}"
     )
     return html_environment().from_string(template).render(sections=sections, notes=Footnotes())
 

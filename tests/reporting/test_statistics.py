@@ -124,7 +124,7 @@ def test_holm_by_hand() -> None:
 def shown(found: Difference, column: str) -> str:
     """The difference as Markdown shows it."""
     table = Table("", (Heading("a"),), ((difference(Compared(column, found)),),), names=0)
-    return markdown("ablation.md", page=Section("", tables=(table,))).strip().splitlines()[-1].strip("| ")
+    return markdown("ablation", page=Section("", tables=(table,))).strip().splitlines()[-1].strip("| ")
 
 
 @pytest.mark.parametrize(
