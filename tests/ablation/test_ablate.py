@@ -356,7 +356,7 @@ def test_options_for_every_row(ablate, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "subject"),
     [
-        ({"table": "noise,other"}, "--table: found 'other', expected one of noise, again, sharp, held"),
+        ({"table": "noise,other"}, "--table: found 'other', expected one of again, held, noise, sharp"),
         ({"set": ("nois=1",)}, "table noise, row some: option nois: found an unknown name"),
         ({"preset": "best"}, "table noise, row some: preset of fake: found 'best'"),
         ({"data": "nowhere"}, "nowhere: found no"),
