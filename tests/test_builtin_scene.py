@@ -21,8 +21,8 @@ from dofbench.optics.tone import encode
 from dofbench.scenes import load_scene
 from dofbench.scenes.named import named_datasets
 from dofbench.scenes.procedural import ink
-from dofbench.scenes.procedural.camera_paths import cameras
 from dofbench.scenes.procedural.recipes import recipe
+from dofbench.scenes.procedural.stage import cameras
 from dofbench.scenes.procedural.tracer import Tracer
 from dofbench.scenes.procedural.variant import choose_variant
 from dofbench.scenes.scene import Scene

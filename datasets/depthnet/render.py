@@ -20,7 +20,7 @@ import tyro
 from dofbench.core.files import replacing
 from dofbench.core.images import to_8bit
 from dofbench.optics.tone import encode
-from dofbench.scenes.procedural import camera_paths
+from dofbench.scenes.procedural import stage as stages
 from dofbench.scenes.procedural.recipes import recipe
 from dofbench.scenes.procedural.scene_options import NAMES
 from dofbench.scenes.procedural.tracer import Tracer
@@ -63,8 +63,8 @@ def main(settings: Settings) -> None:
             turn = number // RECIPES
             how, seed = recipe(NAMES[turn % len(NAMES)]), 1 + number
             stage = how.stage(seed)
-            kind: camera_paths.PathKind = "forward" if turn // len(NAMES) % 2 == 0 else "orbit"
-            cameras = camera_paths.cameras(how.VIEWPOINTS, kind, settings.views, WIDTH, HEIGHT, seed)
+            kind: stages.PathKind = "forward" if turn // len(NAMES) % 2 == 0 else "orbit"
+            cameras = stages.cameras(how.VIEWPOINTS, kind, settings.views, WIDTH, HEIGHT, seed)
         else:
             if number // BANK_ROOMS != banked:
                 banked = number // BANK_ROOMS

@@ -12,8 +12,7 @@ import numpy as np
 
 from dofbench.core.cameras import Camera
 from dofbench.scenes.procedural import shapes, textures
-from dofbench.scenes.procedural.camera_paths import world_to_camera
-from dofbench.scenes.procedural.stage import Finish, Lamp, Prop, Sphere, Stage, Tube
+from dofbench.scenes.procedural.stage import Finish, Lamp, Prop, Sphere, Stage, Tube, world_to_camera
 
 NEAREST, FARTHEST = 0.7, 14.0  # distance of things from the camera, scene units; spread evenly in its logarithm
 

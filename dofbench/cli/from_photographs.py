@@ -23,8 +23,8 @@ from dofbench.running.time_estimate import seconds_by_card
 from dofbench.scenes import load_scene
 from dofbench.scenes.loading import detect
 from dofbench.scenes.reconstruction.kept_steps import RECORD
-from dofbench.scenes.reconstruction.pairs import LOOK_ALIKES
-from dofbench.scenes.reconstruction.pairs import choose as choose_matching
+from dofbench.scenes.reconstruction.matching import LOOK_ALIKES
+from dofbench.scenes.reconstruction.matching import choose as choose_matching
 from dofbench.scenes.reconstruction.photograph_source import find_source
 from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
 

@@ -16,7 +16,7 @@ from dofbench.running.execution import TRAINED_FILE
 from dofbench.running.load_run import load_run
 from dofbench.running.recomputed import differences
 from dofbench.runtime.leases import at_work, leased_folders
-from dofbench.scenes.named.roles import contradiction
+from dofbench.scenes.named.library import contradiction
 
 
 @dataclass(frozen=True)

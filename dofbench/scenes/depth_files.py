@@ -17,11 +17,11 @@ _PNG_LEVELS = 65535
 
 
 def read_depth(file: Path, unit: float) -> np.ndarray:
-    """z-depth (H, W) float32, scene units, from EXR, 16-bit PNG, npy or a map of COLMAP's dense stereo, times `unit`.
+    """Read z-depth (H, W) float32, scene units, 0 where unknown, from EXR, 16-bit PNG, npy or COLMAP's dense stereo,
+    times `unit`.
 
-    Several channels are taken where they are equal (Blender writes depth so). Infinity becomes 0, unknown,
-    which blurs as infinitely far. Raises InputError for NaN, negative values, a map in which nothing is known, and
-    for anything else.
+    Equal channels count as one (Blender). Infinity becomes 0, which blurs as infinitely far. Raises InputError for NaN,
+    negative values, a map without a known pixel, and other files.
     """
     if file.suffix.lower() == ".exr":
         values = read_exr(file)

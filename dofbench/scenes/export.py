@@ -1,7 +1,4 @@
-"""Write cameras and points in the layouts that other programs read: COLMAP, LLFF, nerfstudio.
-
-Everything is written atomically, and the same input gives the same bytes.
-"""
+"""Write cameras and points as COLMAP, LLFF and nerfstudio read them, atomically and reproducibly."""
 
 from __future__ import annotations
 
@@ -31,13 +28,12 @@ def write_colmap(
     points: PointCloud | None,
     offset: Offset = NO_OFFSET,
 ) -> None:
-    """Write `root/sparse/0/{cameras,images,points3D}.bin`, the binary layout that 3DGS and COLMAP read.
+    """Write `root/sparse/0/{cameras,images,points3D}.bin`, without the rig and frame files, which older readers don't
+    know.
 
-    file_names: a view's image file, relative to the image folder. One PINHOLE camera for every
-    distinct size and intrinsics, in order of appearance; camera, image and point ids count from 1 in
-    the order given. points.views, where known, index the views: they become tracks, and the
-    2D points are the projections. The rig and frame files of newer COLMAP are left out: it
-    makes them up itself, and older readers don't know them. offset: added to all positions.
+    file_names: of the images, relative to their folder. One PINHOLE camera for every distinct size and intrinsics; ids
+    count from 1 in order. points.views, where known, index the views: they become tracks with the projections as 2D
+    points. offset: added to all positions.
     """
     from dofbench.scenes.colmap_binding import pycolmap
 
@@ -81,9 +77,8 @@ def write_poses_bounds(
 ) -> list[str]:
     """Write LLFF's `poses_bounds.npy`: (N, 17) float64, cameras in the order of the sorted image files.
 
-    near_far: (N, 2), scene units. The layout has one focal length and the principal point in the
-    middle: what is lost of the cameras is returned, one note a kind of loss, and fx, fy become their mean.
-    offset: added to all positions.
+    near_far: (N, 2), scene units. The layout has one focal length, here the mean of fx and fy, and the principal point
+    in the middle; returns a note for each kind of loss. offset: added to all positions.
     """
     near_far = np.asarray(near_far, dtype=np.float64)
     if near_far.shape != (len(cameras), 2):
@@ -116,11 +111,10 @@ def write_transforms(
     ply_path: str | None = None,
     offset: Offset = NO_OFFSET,
 ) -> None:
-    """Write nerfstudio's `transforms.json`, with OpenGL camera axes.
+    """Write nerfstudio's `transforms.json`, with OpenGL camera axes; paths are relative to its folder.
 
-    Paths are relative to the file's folder. Intrinsics stand once where all cameras share them,
-    else in every frame. depth_paths: z-depth in scene units, float EXR; None of a view without. splits give
-    train_filenames and test_filenames. extra: more entries for each frame; they must not clash with the layout's own.
+    Intrinsics that all cameras share are written once. depth_paths: z-depth in scene units, float EXR; None for a view
+    without. splits: give train_filenames and test_filenames. extra: more entries for each frame, which must not clash.
     offset: added to all positions.
     """
     _check_equal(len(file_paths), len(cameras), "file_paths", "cameras")
@@ -198,3 +192,19 @@ def _add_points(model: Any, points: PointCloud, sightings: Sequence[np.ndarray])
 def _check_equal(found: int, expected: int, name: str, other: str) -> None:
     if found != expected:
         raise ValueError(f"{name}: expected {expected}, as many as {other}, found {found}")
+
+
+_NEAR_FAR = (0.1, 99.9)  # percentiles of depth that are LLFF's near and far bounds
+
+
+def depth_bounds(depths: Sequence[np.ndarray]) -> np.ndarray | None:
+    """(N, 2) LLFF near and far bounds from the known depths of each of N views, scene units; None if no view has any.
+
+    A view without any gets the nearest and the farthest bound of all views.
+    """
+    bounds = np.array([np.percentile(known, _NEAR_FAR) if known.size else (np.nan, np.nan) for known in depths])
+    told = np.isfinite(bounds[:, 0])
+    if not told.any():
+        return None
+    bounds[~told] = bounds[told, 0].min(), bounds[told, 1].max()
+    return bounds

@@ -1,4 +1,4 @@
-"""The masks of a scene that no pose file names: in a folder masks/ next to the images, or in an alpha channel."""
+"""Masks that no pose file names: in a folder masks/ next to the images, or in an alpha channel."""
 
 from __future__ import annotations
 
@@ -9,21 +9,20 @@ from pathlib import Path
 
 from dofbench.core.errors import InputError
 from dofbench.core.masks import has_alpha, read_opaque
+from dofbench.scenes.on_disk import ImageOnDisk, MaskOnDisk, check_size
 from dofbench.scenes.readers.folders import IMAGE_SUFFIXES, image_files, listed
 from dofbench.scenes.scene import Alpha, Scene, SceneView
-from dofbench.scenes.scene_masks import MaskOnDisk, check_size
-from dofbench.scenes.views import ImageOnDisk
 
 ALPHAS: tuple[Alpha, ...] = ("mask", "background")
 FOLDER = "masks"
 
 
 def with_masks(scene: Scene, alpha: Alpha | None) -> Scene:
-    """The scene with the masks that lie in a folder masks/ or in alpha channels, and with notes that say so.
+    """The scene with masks from a folder masks/ or alpha channels, and notes on them. A mask named in transforms.json
+    wins.
 
-    A mask that transforms.json names is there already, and goes before the folder. alpha: what an alpha channel means;
-    None is a mask, with a note on the other choice. Raises InputError for a mask of another shape than its image, and
-    for one that may belong to several images.
+    alpha: meaning of an alpha channel; None is a mask, with a note on the alternative. Raises InputError for a mask of
+    another shape than its image, or one that may belong to several images.
     """
     images = {view.name: view.image for view in scene.views if isinstance(view.image, ImageOnDisk)}
     beside = masks_beside(scene.root, [view.source for view in scene.views])
@@ -53,9 +52,8 @@ def with_masks(scene: Scene, alpha: Alpha | None) -> Scene:
 
 
 def masks_beside(root: Path, files: Sequence[Path]) -> list[Path | None]:
-    """The mask of each image file in a folder masks/ below `root`, at the same place as the image: COLMAP's NAME.SUFFIX
-    followed by .png, or NAME with any image suffix. None where there is none. Raises InputError if it isn't clear whose
-    mask a file is."""
+    """The mask of each image file, at the same place in a folder masks/ below `root`: NAME.SUFFIX.png (COLMAP) or NAME
+    with any image suffix; None without. Raises InputError where a mask's owner is ambiguous."""
     names = Counter((file.parent, file.stem) for file in files)
     found: list[Path | None] = []
     for file in files:

@@ -1,30 +1,79 @@
-"""What `dofbench scenes` prints: the scenes that are here and can be read."""
+"""Print the scenes that are here and whether they are complete (`dofbench scenes`)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 from dofbench.core.aligned import aligned
 from dofbench.core.errors import InputError
 from dofbench.core.evidence import ROLE_NOT_STATED
 from dofbench.scenes.loading import LAYOUTS, load_scene
 from dofbench.scenes.named import NamedDataset, find_data_root, named_datasets, scenes_of
-from dofbench.scenes.named.places import VARIABLE, what_to_put
-from dofbench.scenes.named.presence import Presence, inspect
-from dofbench.scenes.readers.folders import MissingImages
-from dofbench.scenes.readers.pose_checks import unchecked
+from dofbench.scenes.named.places import VARIABLE, ResolvedScene, same_files, what_to_put
+from dofbench.scenes.readers.folders import MissingImages, marked_hold
+from dofbench.scenes.readers.poses import unchecked
 from dofbench.scenes.scene import SceneView
+
+# "here": readable, and there is no published checksum to compare with.
+State = Literal["complete", "here", "incomplete", "different", "unreadable", "absent"]
+
+
+@dataclass(frozen=True)
+class Presence:
+    """State of a scene. detail: one line; training, test: numbers of views, 0 where it can't be read."""
+
+    scene: ResolvedScene
+    state: State
+    detail: str
+    training: int = 0
+    test: int = 0
+
+    @property
+    def is_problem(self) -> bool:
+        """Whether something is here that isn't as it should be."""
+        return self.state in ("incomplete", "different", "unreadable")
+
+
+def inspect(scene: ResolvedScene) -> Presence:
+    """Check a scene's files: readable, and the recorded number of views, size and checksums. Image headers are read,
+    and no pixels."""
+    if scene.missing:
+        return Presence(scene, "absent", scene.missing)
+    if scene.layout == "blb":
+        return Presence(scene, "here", "single views for validate-renderer")
+    try:
+        loaded = scene.load()
+    except InputError as error:
+        return Presence(scene, "unreadable", str(error))
+    training = sum(view.split == "train" for view in loaded.views)
+    test, views = len(loaded.views) - training, len(loaded.views)
+    camera = loaded.views[0].camera
+    counted = f"{training} + {test} test, {camera.width}x{camera.height}"
+    if scene.views is not None and views != scene.views:
+        state: State = "incomplete" if views < scene.views else "different"
+        return Presence(scene, state, f"{views} views in {scene.root}, expected {scene.views}", training, test)
+    if scene.size is not None and scene.size != (camera.width, camera.height):
+        expected = f"{scene.size[0]}x{scene.size[1]}"
+        return Presence(scene, "different", f"{counted} in {scene.root}, expected {expected}", training, test)
+    marked = marked_hold(scene.root)
+    if scene.hold is not None and marked is not None and marked != scene.hold:
+        detail = f"a marker hold={marked} in {scene.root}, expected hold={scene.hold}"
+        return Presence(scene, "different", detail, training, test)
+    if other := same_files(scene.root, scene.sha256):
+        return Presence(scene, "different", f"{scene.root / other} has another checksum than recorded", training, test)
+    return Presence(scene, "here" if scene.views is None else "complete", counted, training, test)
 
 
 @dataclass(frozen=True)
 class Listed:
-    """One line of the list. problem: why the scene can't be read, empty where it can.
+    """One row of the list. problem: why the scene can't be read, empty where it can.
 
-    name: what to give to make-dataset: a built-in name or a folder. split: the rule or file that made it. width,
-    height: of the first view, pixels. exif: how many views' f-numbers and focus distances are known. title: what a
-    built-in scene shows. notes: what was chosen or skipped while reading it. whole: no image that it names is missing.
+    name: argument of make-dataset. split: the rule or file that made it. width, height: of the first view, pixels.
+    exif: how many f-numbers and focus distances are known. title: of a built-in scene. notes: of reading. whole: no
+    image that it names is missing.
     """
 
     name: str
@@ -44,10 +93,9 @@ class Listed:
 
 
 def list_scenes(folders: Sequence[Path] = ()) -> list[Listed]:
-    """The built-in scenes, then every folder given: itself where it is a scene, else the scenes right inside it.
+    """List the built-in scenes, then every given folder: itself where it is a scene, else the scenes right inside it.
 
-    A given folder with no scene in it is listed with the reason; beside scenes, other folders are
-    passed over. Raises InputError for a folder that isn't there.
+    A folder without a scene is listed with the reason. Raises InputError for a folder that isn't there.
     """
     listed = _built_in()
     for folder in folders:
@@ -61,10 +109,10 @@ def list_scenes(folders: Sequence[Path] = ()) -> list[Listed]:
 
 
 def print_scenes(folders: Sequence[Path] = (), data_root: Path | None = None) -> bool:
-    """Print `list_scenes` and the named datasets as tables, and what can't be read or isn't whole.
+    """Print `list_scenes` and the named datasets as tables, and what can't be read or isn't complete.
 
-    data_root: where named datasets are; None for DOFBENCH_DATA's. False when there is anything that can't be read or
-    isn't whole; what is absent is no failure. Raises InputError for a folder that isn't there.
+    data_root: of named datasets; None for DOFBENCH_DATA's. False when anything can't be read or isn't complete; absent
+    scenes are no failure. Raises InputError for a folder that isn't there.
     """
     root = find_data_root(data_root)
     listed = list_scenes(folders)

@@ -1,4 +1,4 @@
-"""`load_scene`: find out the layout of a folder, read it, set the split."""
+"""Load a scene folder: detect its layout, read it, set the split."""
 
 from __future__ import annotations
 
@@ -10,18 +10,17 @@ from pathlib import Path
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json
-from dofbench.scenes.companions import photographs_of
 from dofbench.scenes.found_masks import ALPHAS, with_masks
 from dofbench.scenes.local_frame import AnotherFrame
-from dofbench.scenes.marked_sharp import marked_are_sharper
 from dofbench.scenes.readers import colmap
 from dofbench.scenes.readers.colmap_places import PLACES, scene_folder
-from dofbench.scenes.readers.folders import contents, image_files, listed, marked_hold
+from dofbench.scenes.readers.deblurnerf import marked_are_sharper
+from dofbench.scenes.readers.folders import contents, image_files, listed, marked_hold, photographs_of
 from dofbench.scenes.readers.nerfstudio import LISTS, listed_split
-from dofbench.scenes.readers.pose_checks import checked_poses, unchecked
+from dofbench.scenes.readers.poses import checked_poses, unchecked
 from dofbench.scenes.readers.split_files import split_by
 from dofbench.scenes.scene import Alpha, Scene
-from dofbench.scenes.views import by_marker
+from dofbench.scenes.views import split_rule
 
 # In the order of detection. transforms.json says most (a camera a view, distortion, depth, split);
 # an LLFF folder nearly always has a COLMAP model as well, and its poses are the ones scores are published for.
@@ -51,27 +50,28 @@ def load_scene(
 ) -> Scene:
     """Read a scene folder: views sorted by name, with lazy images, OpenCV cameras, sparse points, a split.
 
-    root: the folder, or the place of its COLMAP model, as sparse or sparse/0. The scene is called after the folder;
-    where COLMAP named that (dense/0), after the one above.
-    width: of every view, pixels; height follows the aspect ratio, rounded to nearest. Images are
-    shrunk by area averaging, and never enlarged. None keeps the size of the files.
-    images: the image folder's name. Without it, and with a width, the folder with the smallest
-    images that are wide enough; without both, LLFF takes images_8, else images_4, else images;
-    COLMAP takes images, else the one with the smallest factor; nerfstudio takes the files as transforms.json has them.
-    layout: one of `LAYOUTS`, or "auto": the first of transforms.json, poses_bounds.npy, sparse/0, sparse. "deblurnerf"
-    is LLFF's with a marker file hold=N and blurred photographs to train on: auto measures whether the marked ones are
-    clearly sharper, and asks for a layout where they aren't. A transforms.json that is in another frame
-    than the COLMAP model beside it is passed over for the model, where that is complete, with a note (`Scene.notes`).
-    hold: every hold-th view from the first is a test view (dofnerf: from the second). None: transforms.json's
-    train_filenames and test_filenames, else test.txt, train.txt, split.json or train_test_lists.json in the folder or
-    beside the COLMAP model, else a marker file `hold=N` in the folder, else 8 (dofnerf: 9; deblurnerf: an error).
-    skip_missing: poses without an image file are skipped, with a note; else they are an error.
-    alpha_channel: what an alpha channel that isn't 1 everywhere means: a mask (None: the same, with a note), or
-    background, which is composited over black.
+    root: the folder, or the place of its COLMAP model (sparse, sparse/0). The scene is named after the folder; where
+    COLMAP named that (dense/0), after the one above. width: of every view, pixels; the aspect ratio is kept, images are
+    shrunk by area averaging and never enlarged. None keeps the files' size.
 
-    Masks are those that transforms.json names, else those in a folder masks/, and alpha (`found_masks.py`).
-    Distortion is taken out of images, depth and intrinsics here. Every image's existence and size
-    are checked, its pixels are read by `SceneView.image()`. Raises InputError for whatever doesn't fit.
+    images: name of the image folder. Without it, and with a width, the folder with the smallest images that are wide
+    enough; without both, LLFF takes images_8, else images_4, else images; COLMAP images, else the smallest factor;
+    nerfstudio the files in transforms.json.
+
+    layout: one of `LAYOUTS`, or "auto": the first of transforms.json, poses_bounds.npy, a COLMAP model. "deblurnerf" is
+    LLFF's with a marker file hold=N and blurred training images: auto measures whether the marked views are clearly
+    sharper, and asks for a layout where they aren't. A complete COLMAP model is read in place of a transforms.json in
+    another frame, with a note.
+
+    hold: every hold-th view from the first is a test view (dofnerf: from the second). None: transforms.json's lists,
+    else test.txt, train.txt, split.json or train_test_lists.json in the folder or next to the COLMAP model, else a
+    marker file `hold=N`, else 8 (dofnerf: 9; deblurnerf: an error). skip_missing: skip poses without an image file,
+    with a note. alpha_channel: meaning of a translucent alpha channel: mask (None: the same, with a note), or
+    background, composited over black.
+
+    Masks come from transforms.json, else a folder masks/, and alpha (`found_masks.py`). Distortion is removed from
+    images, depth and intrinsics. Existence and size of every image are checked; its pixels are read by
+    `SceneView.image()`. Raises InputError for whatever doesn't fit.
     """
     root = Path(root)
     if not root.is_dir():
@@ -122,10 +122,8 @@ def _lists_not_used(root: Path, layout: str, scene: Scene) -> str:
 
 
 def _marked(root: Path, marked: int, options: Mapping[str, int | str | None]) -> Scene:
-    """An LLFF folder with a marker file hold=N: Deblur-NeRF's layout if the marked views are clearly the sharper ones.
-
-    Raises InputError where they aren't, and for a hold other than the marker's where they are.
-    """
+    """Read an LLFF folder with a marker file hold=N as Deblur-NeRF's layout. Raises InputError where the marked views
+    aren't clearly sharper, and for another hold than the marker's where they are."""
     scene = _read("deblurnerf", root, **{**options, "width": None, "hold": marked})
     if not marked_are_sharper(scene, marked):
         found = f"a marker file hold={marked}, and views 0, {marked}, {2 * marked}, ... no sharper than the others"
@@ -145,7 +143,7 @@ def _with_sharp_ones(scene: Scene) -> Scene:
     """The scene of another layout with a marker file hold=N; its training views are shallow if the marked ones are
     clearly sharper."""
     marked = marked_hold(scene.root)
-    if marked is None or scene.photographs != "all-in-focus" or scene.split_by != by_marker(marked):
+    if marked is None or scene.photographs != "all-in-focus" or scene.split_by != split_rule(None, marked, 0):
         return scene
     if not marked_are_sharper(scene, marked):
         return scene.noted(f"hold={marked} marks views that are no sharper than the others: read as all in focus")
@@ -160,10 +158,8 @@ def _read(layout: str, root: Path, **options: int | str | None) -> Scene:
 
 
 def _model_by_itself(root: Path, error: AnotherFrame, **options: int | str | None) -> Scene | None:
-    """The COLMAP model without the transforms.json that it contradicts, and a line that says so.
-
-    None where the model is not complete: unreadable, without points, or with fewer views than the file has.
-    """
+    """The COLMAP model without the transforms.json that it contradicts, with a note; None where the model is
+    unreadable, without points, or has fewer views than the file."""
     try:
         scene = _read("colmap", root, **options)
     except InputError:
@@ -182,7 +178,7 @@ def _model_by_itself(root: Path, error: AnotherFrame, **options: int | str | Non
 
 
 def print_notes(scene: Scene) -> None:
-    """Print a scene's notes, and what made its split, to standard error, each once in the life of the program."""
+    """Print a scene's notes and split rule to standard error, each once per process."""
     split = f"split by {scene.split_by}"
     notes = scene.notes if any(note.startswith(split) for note in scene.notes) else (*scene.notes, split)
     for note in (*notes, *filter(None, [unchecked(scene)])):
@@ -193,7 +189,7 @@ def print_notes(scene: Scene) -> None:
 
 
 def detect(root: Path) -> str | None:
-    """The layout that a folder's files say it has; None where none does."""
+    """The layout by a folder's files; None where none fits."""
     return next((layout for layout in _MARKS if import_module(f"dofbench.scenes.readers.{layout}").fits(root)), None)
 
 

@@ -1,7 +1,7 @@
-"""Scenes whose coordinates are far from their origin, as georeferenced models are: their local frame.
+"""Local frame of scenes far from their origin, such as georeferenced models.
 
-Everything after the readers computes in float32, which has steps of half a metre in a UTM zone. So such a scene is
-moved near the origin in float64 when it is read, and back when its coordinates are written for other programs.
+float32 has steps of half a metre in a UTM zone. Such a scene is moved near the origin in float64 when it is read, and
+back when its coordinates are written for other programs.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ class AnotherFrame(InputError):
 
 
 def localised(scene: Scene, offset: Offset | None, subject: object) -> Scene:
-    """The scene in its local frame, with notes on what was done; the scene as it is where nothing is to be done.
+    """The scene in its local frame, with notes on what was done.
 
-    offset: subtracted as it is, and nothing is checked; None to find it (`local_offset`), to exclude points far outside
-    of the scene, and to name coordinates that were rounded to float32 far from the origin. Raises InputError about
-    `subject` for a camera far outside of the scene, and AnotherFrame for points that are all far outside.
+    offset: subtracted, without checks; None finds it (`local_offset`), excludes points far outside of the scene, and
+    notes coordinates rounded to float32. Raises InputError about `subject` for a camera far outside of the scene, and
+    AnotherFrame where all points are.
     """
     if offset is not None:
         return _moved(scene, offset)
@@ -76,11 +76,11 @@ def localised(scene: Scene, offset: Offset | None, subject: object) -> Scene:
 
 
 def local_offset(centres: np.ndarray, points: PointCloud | None) -> Offset:
-    """What to subtract from the coordinates of a scene; zero unless its origin is far away. centres: (V, 3) of cameras.
+    """The offset to subtract from a scene's coordinates; zero unless the origin is more than 100 scene sizes away.
+    centres: (V, 3) of cameras.
 
-    Far is more than 100 times the scene's size: the median distance of cameras, or of points where that is larger, from
-    the median camera. That camera's position is rounded to a power of two below the size, so that subtracting and
-    adding it rounds no more than float64 does in the file.
+    The size is the median distance of cameras (or of points, where larger) from the median camera. Its position is
+    rounded to a power of two below the size, so that subtracting and adding it is exact to float64.
     """
     centre, size = _layout(centres, points)
     if not 0 < size < math.inf or not math.hypot(*centre) > _FAR * size:

@@ -36,10 +36,8 @@ _COLOURS = ("red", "green", "blue")
 
 
 def read_ply(file: Path) -> PointCloud:
-    """Points x, y, z with red, green, blue (uchar, or floats in [0, 1]); mid-grey where the file has no colour.
-
-    Error and tracks are unknown. Raises InputError for another format, a truncated file, NaN.
-    """
+    """Read points x, y, z with red, green, blue (uchar, or floats in [0, 1]; mid-grey without). Error and tracks are
+    unknown. Raises InputError for another format, a truncated file, NaN."""
     rows = read_vertices(file, "a PLY file with points")
     kind, count = rows.dtype, len(rows)
     xyz = np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=1)
@@ -54,7 +52,7 @@ def read_ply(file: Path) -> PointCloud:
 
 
 def read_vertices(file: Path, expected: str) -> np.ndarray:
-    """All properties of the vertices as a structured array; x, y and z are among them.
+    """Read all properties of the vertices, x, y and z among them, as a structured array.
 
     expected: what the file should be, for the message. Raises InputError for another format or a truncated file.
     """

@@ -24,13 +24,12 @@ Alpha = Literal["mask", "background"]
 
 @dataclass(frozen=True, eq=False)
 class SceneView:
-    """One view. `image()` reads it: (H, W, 3) float32, encoded, undistorted, at the camera's size.
+    """One view. `image()` reads it: (H, W, 3) float32, encoded, undistorted, at the camera's size, with masked pixels
+    replaced by their nearest valid ones.
 
-    `depth()` gives exact z-depth (H, W) float32, scene units, 0 where unknown; None when the
-    scene has none. `source` is the file behind the image, for messages and provenance. photograph: what the image is.
-    exif: what the camera wrote down, if it did. `mask()`, where it isn't None, gives (H, W) bool: True for the pixels
-    that count. Masked pixels of the image are replaced by their nearest valid ones. `linear()` gives the same image as
-    linear light, which may exceed 1 and is clipped in `image()`; None where the file is encoded.
+    source: the file behind the image. photograph: what the image is. exif: None where unknown. `depth()`: z-depth (H,
+    W) float32, scene units, 0 where unknown. `mask()`: (H, W) bool, True for valid pixels. `linear()`: the image as
+    linear light, not clipped at 1; None where the file is encoded.
     """
 
     name: str
@@ -47,13 +46,12 @@ class SceneView:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Views with poses. `views` are sorted by name; names carry no suffix.
+    """Views with poses, sorted by name; names carry no suffix.
 
     points.views, where known, index into `views`. layout: the reader's id. notes: what was chosen, changed or skipped
-    while reading, one sentence each, for the terminal and the dataset's record: `noted` adds one. offset: cameras and
-    points are in a local frame; add it for the coordinates of the files (`local_frame.py`). split_by: the rule or the
-    file that made the split, for the terminal. places: of the views in the order of names among all that the files
-    have, where some were skipped for want of an image; None where none was.
+    while reading, one sentence each. offset: add it to coordinates of the local frame for those of the files
+    (`local_frame.py`). split_by: the rule or file that made the split. places: of the views among all names of the
+    files, where some were skipped for want of an image.
     """
 
     name: str
@@ -72,18 +70,17 @@ class Scene:
 
     @property
     def photographs(self) -> Photograph:
-        """All in focus in nearly every layout; or shallow: photographs to train on as they are, of which those of the
-        test views may be sharp ones, to score all-in-focus renders with."""
+        """ "shallow" where training images are blurred by an unknown lens (test images may be sharp, to score
+        all-in-focus renders); "all-in-focus" in nearly every layout."""
         return "shallow" if any(view.photograph == "shallow" for view in self.views) else "all-in-focus"
 
     def taken_as(self, train: Photograph, test: Photograph) -> Scene:
-        """The scene with it said what the photographs of its training and of its test views are."""
+        """The scene with what the images of its training and test views are."""
         photograph = {"train": train, "test": test}
         return replace(self, views=tuple(replace(view, photograph=photograph[view.split]) for view in self.views))
 
     def with_hold(self, hold: int) -> Scene:
-        """Views 0, hold, 2 hold, ... in name order become test views, the others training views. Views that were
-        skipped count, so that the others keep their split.
+        """Make views 0, hold, 2 hold, ... in name order test views, the others training views; skipped views count.
 
         Raises InputError unless hold is at least 2 and leaves a view to train on and one to test.
         """
@@ -101,21 +98,16 @@ class Scene:
         return replace(self, views=views)
 
     def require_points(self, need: str) -> PointCloud:
-        """The sparse points. Raises InputError, with the command that finds some, where there are none.
-
-        need: what asks for them, for the message.
-        """
+        """The sparse points. need: what they are for. Raises InputError, with the command that finds some, where there
+        are none."""
         if self.points is None or len(self.points) == 0:
             cure = f"points for {need}: dofbench reconstruct {self.root} --out SCENE keeps the poses and finds them"
             raise InputError(self.root, "no sparse points", cure)
         return self.points
 
     def training_set(self) -> TrainingSet:
-        """What a method may see: the training views, read now, and the points that they saw; where tracks are unknown,
-        all points.
-
-        Raises InputError for an image that can't be read.
-        """
+        """The training views, read now, and the points seen in them (all points where tracks are unknown). Raises
+        InputError for an unreadable image."""
         training = [index for index, view in enumerate(self.views) if view.split == "train"]
         views = tuple(
             TrainingView(view.name, view.camera, view.image(), view.exif, None if view.mask is None else view.mask())
@@ -123,16 +115,14 @@ class Scene:
         )
         points = None if self.points is None else self.points.seen_by(training)
         return TrainingSet(
-            views,
-            unmasked_points(points, [view.camera for view in views], [view.mask for view in views]),
-            self.offset,
+            views, unmasked_points(points, [view.camera for view in views], [view.mask for view in views]), self.offset
         )
 
     def unmasked(self) -> Scene:
-        """The scene without sightings of points at masked pixels, and without points that were seen nowhere else."""
+        """The scene without sightings of points at masked pixels, and without points seen nowhere else."""
         masks = [None if view.mask is None else view.mask() for view in self.views]
         return replace(self, points=unmasked_points(self.points, [view.camera for view in self.views], masks))
 
     def test_views(self) -> tuple[SceneView, ...]:
-        """The views held back, sorted by name."""
+        """The test views, sorted by name."""
         return tuple(view for view in self.views if view.split == "test")

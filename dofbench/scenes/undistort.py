@@ -1,8 +1,7 @@
-"""Lens distortion: the models that cameras files use, and images without it.
+"""Lens distortion models of camera files, and images without distortion.
 
-Image coordinates have pixel centres at half-integers here, as in COLMAP; OpenCV has them at
-integers. So no OpenCV camera function is called: distortion is computed here in float64, and
-`cv2.remap` gets the coordinates less one half.
+Pixel centres are at half-integers, as in COLMAP; OpenCV has them at integers. So distortion is computed here in
+float64, and `cv2.remap` gets the coordinates less one half.
 """
 
 from __future__ import annotations
@@ -32,8 +31,7 @@ _TINY = 4
 class Intrinsics(Calibration):
     """A camera without pose, with distortion, which has no unit: it stays at another number of pixels.
 
-    width, height, fx, fy, cx, cy: of `Calibration`. distortion: in OpenCV's order, `k1 k2 p1 p2 k3 k4 k5 k6` (missing
-    ones are 0), or with fisheye `k1 k2 k3 k4`.
+    distortion: in OpenCV's order, `k1 k2 p1 p2 k3 k4 k5 k6` (missing ones are 0), or with fisheye `k1 k2 k3 k4`.
     """
 
     distortion: tuple[float, ...] = ()
@@ -45,8 +43,8 @@ class Intrinsics(Calibration):
         return self.fisheye or any(self.distortion)
 
     def check_proportions(self, subject: object, which: str) -> None:
-        """Raise InputError about `subject`, the file, for a focal length or a principal point out of all proportion to
-        the image. which: the view."""
+        """Raise InputError about `subject`, the file, for a focal length or principal point out of all proportion to
+        the image of view `which`."""
         side = max(self.width, self.height)
         if not _SHORTEST * side <= min(self.fx, self.fy) <= max(self.fx, self.fy) <= _LONGEST * side:
             found = f"focal lengths {self.fx:g}, {self.fy:g} px for {which}"
@@ -73,10 +71,10 @@ class Intrinsics(Calibration):
 
 
 def distort(intrinsics: Intrinsics, xy: np.ndarray) -> np.ndarray:
-    """Where a ray lands. xy: (..., 2), `x/z, y/z` of the ray; returns (..., 2) normalised, distorted.
+    """Distort rays (..., 2), `x/z, y/z`; returns normalised coordinates (..., 2).
 
-    Perspective: Brown's radial and tangential terms with the rational denominator, as OpenCV and
-    COLMAP's FULL_OPENCV write them. Fisheye: Kannala and Brandt 2006, `theta + k1 theta^3 + ...`.
+    Perspective: Brown's radial and tangential terms with the rational denominator, as OpenCV and COLMAP's FULL_OPENCV.
+    Fisheye: Kannala and Brandt 2006, `theta + k1 theta^3 + ...`.
     """
     x, y = xy[..., 0], xy[..., 1]
     r2 = x * x + y * y
@@ -137,10 +135,9 @@ def undistort_points(intrinsics: Intrinsics, pixels: np.ndarray) -> np.ndarray:
 def undistorted(intrinsics: Intrinsics) -> Intrinsics:
     """The pinhole of the same image size that shows no pixel from outside the distorted image.
 
-    Like `alpha = 0` of OpenCV's getOptimalNewCameraMatrix, with two differences: the border is
-    traced pixel by pixel, not at 9 points a side, and fx : fy is kept, so that square pixels stay
-    square (a lens blurs to a disc only on those). Where one axis has room to spare, the principal
-    point stays as near as it can to where it was. Raises InputError if distortion can't be undone.
+    Like `alpha = 0` of OpenCV's getOptimalNewCameraMatrix, but the border is traced pixel by pixel, and fx : fy is kept
+    (a lens blurs to a disc on square pixels only). The principal point moves no more than it must. Raises InputError if
+    distortion can't be undone.
     """
     if not intrinsics.distorted:
         return intrinsics
@@ -168,10 +165,8 @@ def undistorted(intrinsics: Intrinsics) -> Intrinsics:
 
 @lru_cache(maxsize=1)
 def source_coordinates(intrinsics: Intrinsics, target: Intrinsics) -> np.ndarray:
-    """Where in the distorted image every pixel centre of the pinhole `target` is seen: (H, W, 2) float32, pixels.
-
-    Remembers its last answer: views of one scene share their lens nearly always.
-    """
+    """Where the distorted image shows every pixel centre of the pinhole `target`: (H, W, 2) float32, pixels. The last
+    answer is cached, as views nearly always share their lens."""
     if target.distorted:
         raise ValueError("target must be a pinhole")
     x, y = target.rays(np.arange(target.width) + 0.5, np.arange(target.height) + 0.5)
@@ -189,10 +184,8 @@ def source_coordinates(intrinsics: Intrinsics, target: Intrinsics) -> np.ndarray
 def undistort_image(image: np.ndarray, intrinsics: Intrinsics, *, light: bool = False) -> np.ndarray:
     """Image (H, W, 3) float32 at the intrinsics' size, as `undistorted(intrinsics)` would have taken it.
 
-    Lanczos with 8 x 8 samples, because bilinear sampling would blur a photograph, here more and
-    there less; its overshoot is cut off at the least and the greatest value of each channel. Around a highlight of
-    linear light, many times as bright as white, it would leave rings as bright as the picture: such images are sampled
-    bilinearly. light: whether it is one.
+    Lanczos with 8 x 8 samples, because bilinear sampling blurs unevenly; overshoot is clipped to each channel's range.
+    light: linear light, sampled bilinearly, because Lanczos leaves bright rings around highlights.
     """
     import cv2
 
@@ -206,10 +199,10 @@ def undistort_image(image: np.ndarray, intrinsics: Intrinsics, *, light: bool = 
 
 
 def sample_depth(depth: np.ndarray, intrinsics: Intrinsics, target: Intrinsics) -> np.ndarray:
-    """Nearest samples of a depth map (h, w) of the distorted lens at the pixel centres of the pinhole `target`.
+    """Sample a depth map (h, w) of the distorted lens, of any size, at the pixel centres of the pinhole `target`: (H,
+    W).
 
-    The map may have another number of pixels than the intrinsics. Nearest, since averages of a
-    near and a far depth, or of a depth and "unknown", lie where nothing is. Returns (H, W).
+    Nearest, since averages of near and far, or of depth and "unknown", lie where nothing is.
     """
     source = intrinsics.resized(depth.shape[1], depth.shape[0])
     nearest = np.floor(source_coordinates(source, target)).astype(np.int64)

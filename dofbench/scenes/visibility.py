@@ -1,9 +1,9 @@
-"""Which sparse points a view sees: by their tracks, or by what hides what."""
+"""Sparse points visible in a view: by their tracks, or by occlusion."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,14 +18,14 @@ _HIDING_SHARE = 0.5  # hidden when at least this share of the neighbours is in f
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Points that a view sees. index: (M,) into the cloud; xy: (M, 2) image coordinates, pixels; depth: (M,) z."""
+    """Visible points. index: (M,) into the cloud; xy: (M, 2) image coordinates, pixels; depth: (M,) z, scene units."""
 
     index: np.ndarray
     xy: np.ndarray
     depth: np.ndarray
 
     def within(self, mask: np.ndarray | None) -> Seen:
-        """Those at pixels where mask (H, W) is true; all without a mask."""
+        """The points at pixels where mask (H, W) is true; all without a mask."""
         if mask is None:
             return self
         kept = mask[self.xy[:, 1].astype(np.int64), self.xy[:, 0].astype(np.int64)]
@@ -33,10 +33,7 @@ class Seen:
 
 
 def visible(points: PointCloud, camera: Camera, view: int) -> Seen:
-    """The points that view number `view` sees.
-
-    With tracks, those whose track names the view. Without tracks, those inside the image that aren't `hidden`.
-    """
+    """The points visible in view number `view`: by their tracks; without tracks, inside the image and not `hidden`."""
     xy, depth = camera.project(points.xyz)
     seen = camera.inside(xy)
     if points.views is not None:
@@ -50,10 +47,9 @@ def visible(points: PointCloud, camera: Camera, view: int) -> Seen:
 def unmasked_points(
     points: PointCloud | None, cameras: Sequence[Camera], masks: Sequence[np.ndarray | None]
 ) -> PointCloud | None:
-    """The points without what was seen at masked pixels, and without those that were seen nowhere else.
+    """The points without sightings at masked pixels, and without points that lose all sightings so.
 
-    masks: of each view, (H, W) bool, True where valid, or None. points.views index into the views; where tracks are
-    unknown, all points stay.
+    masks: of each view, (H, W) bool, True where valid, or None. Where tracks are unknown, all points stay.
     """
     if points is None or points.views is None or all(mask is None for mask in masks):
         return points
@@ -64,17 +60,23 @@ def unmasked_points(
             inside = camera.inside(xy)
             column, row = np.where(inside[:, None], xy, 0).astype(np.int64).T
             masked[index] = inside & ~mask[row, column]
-    tracks = [track[~masked[track, point]] for point, track in enumerate(points.views)]
+    tracks = tuple(track[~masked[track, point]] for point, track in enumerate(points.views))
     kept = np.array([len(now) > 0 or not len(was) for now, was in zip(tracks, points.views, strict=True)], bool)
-    chosen = tuple(track for track, stays in zip(tracks, kept, strict=True) if stays)
-    return PointCloud(points.xyz[kept], points.rgb[kept], points.error[kept], chosen)
+    return replace(points, views=tracks).kept(kept)
+
+
+def in_front(points: PointCloud, cameras: Sequence[Camera]) -> PointCloud:
+    """The points with tracks limited to views that the point lies in front of. points.views index into the cameras."""
+    if points.views is None:
+        return points
+    before = np.stack([camera.project(points.xyz)[1] > 0 for camera in cameras])
+    return replace(points, views=tuple(track[before[track, index]] for index, track in enumerate(points.views)))
 
 
 def hidden(xy: np.ndarray, depth: np.ndarray, width: int) -> np.ndarray:
-    """(P,) bool: points that are behind most of the points around them.
+    """(P,) bool: points behind at least half of their neighbours in the image, clearly: sparse points have no surface.
 
-    xy: (P, 2) image coordinates, pixels, inside an image `width` wide; depth: (P,) z. Sparse points have
-    no surfaces, so a point counts as hidden only when at least half of its neighbours are clearly nearer.
+    xy: (P, 2) image coordinates, pixels, inside an image `width` wide; depth: (P,) z.
     """
     if len(xy) <= _NEIGHBOURS:
         return np.zeros(len(xy), dtype=bool)

@@ -11,9 +11,7 @@ from scipy.ndimage import gaussian_filter
 from dofbench.core.errors import InputError
 from dofbench.core.images import read_image, write_grey_png, write_png
 from dofbench.core.masks import read_mask, write_mask
-from dofbench.scenes.reconstruction.features import extract, read, register_images
-from dofbench.scenes.reconstruction.focal_length import group_by_camera
-from dofbench.scenes.reconstruction.interruptible import wait
+from dofbench.scenes.reconstruction.features import extract, group_by_camera, read, register_images
 from dofbench.scenes.reconstruction.photograph_list import MASKS, find_photographs, prepare
 
 WIDTH, HEIGHT, COUNT = 96, 72, 3
@@ -86,7 +84,7 @@ def test_no_feature_is_taken_from_under_a_mask(tmp_path: Path, kind: str) -> Non
     assert np.ptp(truth[:, :45], axis=1).max() > 0 == np.ptp(image[:, :45], axis=1).max()
     groups = group_by_camera(prepared, "shared", None)
     register_images(work / "db", work / "photographs", prepared, groups, "SIMPLE_RADIAL")
-    options = {"most": 500, "threads": 1, "wait": wait, "advance": lambda done: None}
+    options = {"most": 500, "threads": 1, "advance": lambda done: None}
     extract(work / "db", work / "photographs", prepared, masks=work / MASKS, **options)
     for _, keypoints, _ in read(work / "db", prepared):
         assert len(keypoints) > 5 and (keypoints[:, 0] >= WIDTH // 2).all()

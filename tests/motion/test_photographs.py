@@ -16,11 +16,10 @@ from tolerances import FLOAT32_VALUE
 from dofbench.cli import app
 from dofbench.core.errors import InputError
 from dofbench.core.image_files.exif import Exif
-from dofbench.scenes.reconstruction.focal_length import focal_length, group_by_camera
-from dofbench.scenes.reconstruction.pairs import choose, exhaustive, look_alikes, sequential, signatures
+from dofbench.scenes.reconstruction.features import focal_length, group_by_camera
+from dofbench.scenes.reconstruction.matching import choose, exhaustive, look_alikes, sequential, signatures
 from dofbench.scenes.reconstruction.photograph_list import Photograph, Prepared, Upright, prepare, turned
-from dofbench.scenes.reconstruction.video import sharpest_frames
-from dofbench.scenes.reconstruction.video_colour import check_colours
+from dofbench.scenes.reconstruction.video import check_colours, sharpest_frames
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

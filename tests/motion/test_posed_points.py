@@ -14,10 +14,10 @@ from dofbench.core.contracts import PointCloud
 from dofbench.core.progress import Silent
 from dofbench.scenes import Scene
 from dofbench.scenes.reconstruction import posed_points
-from dofbench.scenes.reconstruction.comparing import compare
-from dofbench.scenes.reconstruction.matching import verified
+from dofbench.scenes.reconstruction.matching import compare, verified
 from dofbench.scenes.reconstruction.photograph_list import Photograph, Prepared, prepare
 from dofbench.scenes.reconstruction.posed_points import triangulated_points
+from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
 
 VIEWS = (6, 8, 7, 9)  # of the built-in scene, out of order on purpose
 
@@ -81,10 +81,7 @@ def test_a_tighter_geometry_keeps_fewer_matches(photographs: list[Photograph], t
             prepared,
             (),
             Silent(),
-            matching="auto",
-            camera_model="PINHOLE",
-            most=2000,
-            seed=0,
+            Reconstruct(folder, folder, camera_model="PINHOLE", features=2000),
             error=error,
         )
         assert compared.matching == "exhaustive" and compared.pairs == [(0, 1), (0, 2), (1, 2)]

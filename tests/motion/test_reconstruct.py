@@ -31,7 +31,7 @@ from dofbench.core.image_files.exif import Exif
 from dofbench.core.images import read_image, write_exr, write_png
 from dofbench.core.progress import Silent
 from dofbench.scenes import Scene, export, load_scene
-from dofbench.scenes.reconstruction.interruptible import wait
+from dofbench.scenes.reconstruction.kept_steps import wait
 from dofbench.scenes.reconstruction.photograph_source import find_source
 from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
 from dofbench.scenes.reconstruction.reconstructing import run

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dofbench.scenes.reconstruction.registration_report import ViewReport, median_points, remarks
+from dofbench.scenes.reconstruction.report import ViewReport, median_points, remarks
 
 
 def _view(name: str, points: int, registered: bool = True) -> ViewReport:

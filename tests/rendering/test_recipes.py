@@ -11,12 +11,11 @@ from tolerances import FLOAT64_VALUE, POSE_ROUND_TRIP
 
 from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
-from dofbench.scenes.procedural.camera_paths import cameras
 from dofbench.scenes.procedural.recipes import recipe
 from dofbench.scenes.procedural.scene_options import NAMES
 from dofbench.scenes.procedural.shapes import box, ground, leaf, merged, rod, turned
-from dofbench.scenes.procedural.sky import directions
-from dofbench.scenes.procedural.stage import Finish, Prop, Stage, Viewpoints
+from dofbench.scenes.procedural.stage import Finish, Prop, Stage, Viewpoints, cameras
+from dofbench.scenes.procedural.textures import directions
 
 POINTS = Viewpoints((0.0, 0.0, 1.0), (0.5, 4.0, 0.6), (0.3, 0.05, 0.2), aim=0.05, arc=90)
 

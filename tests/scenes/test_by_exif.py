@@ -14,7 +14,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.image_files.exif import Exif
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.scenes import load_scene
-from dofbench.scenes.readers.by_exif import split_by_f_number
+from dofbench.scenes.readers.exif_files import split_by_f_number
 from dofbench.scenes.scene import Scene
 
 

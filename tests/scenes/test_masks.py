@@ -15,7 +15,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.images import read_image, to_8bit, write_png
 from dofbench.core.masks import filled, read_mask, shrunk_mask, write_mask
 from dofbench.scenes import export, load_scene
-from dofbench.scenes.scene_masks import undistort_mask
+from dofbench.scenes.on_disk import undistort_mask
 from dofbench.scenes.undistort import Intrinsics, undistort_image, undistorted
 
 WIDTH, HEIGHT, COUNT = 40, 30, 4

@@ -20,7 +20,7 @@ from dofbench.datasets.synthesis import check_dataset, depth_sources, make_datas
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.runtime.ops import load
 from dofbench.scenes import load_scene
-from dofbench.scenes.depth.estimate import DepthEstimate
+from dofbench.scenes.depth.source import DepthEstimate
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
 near = partial(pytest.approx, rel=FLOAT64_VALUE)

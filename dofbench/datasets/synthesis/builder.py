@@ -35,10 +35,10 @@ from dofbench.datasets.synthesis.sibling import take_over, take_over_all
 from dofbench.datasets.synthesis.work import WORK, Identity, finish, noise_file, prepare
 from dofbench.scenes.depth.given import with_folder_depth
 from dofbench.scenes.depth.network import find_network, network_digest
-from dofbench.scenes.light import clipped_pixels, for_display
 from dofbench.scenes.loading import print_notes
 from dofbench.scenes.named import Reading, ResolvedScene, find_data_root, resolve
-from dofbench.scenes.readers.by_exif import split_by_f_number
+from dofbench.scenes.on_disk import clipped_pixels, for_display
+from dofbench.scenes.readers.exif_files import split_by_f_number
 from dofbench.scenes.readers.folders import listed
 from dofbench.scenes.reconstruction.posed_points import program
 from dofbench.scenes.scene import Scene, Split

@@ -10,7 +10,7 @@ import numpy as np
 from dofbench.core.images import read_exr
 from dofbench.datasets.format import layout
 from dofbench.datasets.format.points_choice import Points
-from dofbench.scenes.readers.near_far import depth_bounds
+from dofbench.scenes.export import depth_bounds
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.visibility import visible
 

@@ -32,7 +32,7 @@ from dofbench.datasets.synthesis.points_check import check_points
 from dofbench.datasets.synthesis.render_views import Photography, shallow_image, shallow_light, view_record
 from dofbench.optics.tone import decode, encode
 from dofbench.scenes.depth.disparity import disparity_of
-from dofbench.scenes.named.roles import contradiction, role_of_recipe
+from dofbench.scenes.named.library import contradiction, role_of_recipe
 
 # DB, least PSNR of a photograph against the recomputed blur; rounding to 8 bits alone gives 58.9
 RECOMPUTED_PSNR = 55.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from dofbench.datasets.format.benchmark_dataset import BenchmarkDataset, BenchmarkView
 from dofbench.evaluation.results.protocol import ACROSS_COLUMNS, PHOTOGRAPH_COLUMNS
-from dofbench.scenes.readers.by_exif import same_f_number
+from dofbench.scenes.readers.exif_files import same_f_number
 from dofbench.scenes.readers.folders import listed
 
 NO_TEST_VIEWS = "the dataset has no test views"

@@ -13,8 +13,7 @@ from dofbench.core.image_files.exif import write_exif
 from dofbench.core.images import write_png
 from dofbench.core.lens import PhysicalLens
 from dofbench.core.masks import write_mask
-from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
-from dofbench.scenes.readers.near_far import depth_bounds
+from dofbench.scenes.export import depth_bounds, write_colmap, write_poses_bounds, write_transforms
 from dofbench.scenes.visibility import visible
 
 

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from dofbench.core.errors import InputError
-from dofbench.scenes.depth.estimate import DepthEstimate
-from dofbench.scenes.depth.source import SourceId
+from dofbench.scenes.depth.source import DepthEstimate, SourceId
 from dofbench.scenes.depth_files import read_depth
 from dofbench.scenes.scene import Scene, SceneView
 

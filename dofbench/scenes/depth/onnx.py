@@ -13,11 +13,10 @@ import numpy as np
 from dofbench.core.errors import InputError
 from dofbench.core.files import replacing
 from dofbench.scenes.depth.align import ENOUGH, UNALIGNED, Alignment, fit, middle
-from dofbench.scenes.depth.estimate import DepthEstimate, clipped, trust
 from dofbench.scenes.depth.network import Network, network_digest, sampled, side_file
 from dofbench.scenes.depth.sfm import spread_around
 from dofbench.scenes.depth.sightings import CLIPPED, SceneSightings, Sightings, scene_sightings
-from dofbench.scenes.depth.source import SourceId
+from dofbench.scenes.depth.source import DepthEstimate, SourceId, clipped, trust
 from dofbench.scenes.scene import Scene, SceneView
 
 # Confidence of a view that was aligned by other views' points, and of one that nothing could be compared with.

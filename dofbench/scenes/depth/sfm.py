@@ -9,9 +9,8 @@ import numpy as np
 
 from dofbench.core.errors import InputError
 from dofbench.scenes.depth.completion import complete
-from dofbench.scenes.depth.estimate import DepthEstimate, clipped, trust
 from dofbench.scenes.depth.sightings import CLIPPED, Sightings, scene_sightings
-from dofbench.scenes.depth.source import SourceId
+from dofbench.scenes.depth.source import DepthEstimate, SourceId, clipped, trust
 from dofbench.scenes.scene import Scene, SceneView
 
 _REACH = 0.05  # share of the image width at which a point's weight is halved, and over which points are compared

@@ -1,11 +1,42 @@
-"""What every source of depth is to its user."""
+"""Interface of a depth source, the depth that it gives, and the functions that confidences are made of."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
-from dofbench.scenes.depth.estimate import DepthEstimate
+import numpy as np
+
 from dofbench.scenes.scene import SceneView
+
+# A confidence of one half: the disparity is off by a twentieth of the scene's range, a fifth of what separates
+# focus 0.5 from focus 0.75.
+HALF_TRUSTED = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class DepthEstimate:
+    """Depth of one view.
+
+    depth: (H, W) float32 z-depth, scene units, 0 where unknown. confidence: (H, W) float32, 0 ... 1,
+    0 where the depth is unknown. statistics: numbers about how this view's depth was found.
+    """
+
+    depth: np.ndarray
+    confidence: np.ndarray
+    statistics: dict[str, float] = field(default_factory=dict)
+
+
+def trust(error: np.ndarray, half: float = HALF_TRUSTED) -> np.ndarray:
+    """Confidence of an expected error: 1 for none, 1/2 at `half`, falling as its square (a Cauchy weight)."""
+    return 1.0 / (1.0 + (error / half) ** 2)
+
+
+def clipped(disparity: np.ndarray, floor: float, ceiling: float) -> tuple[np.ndarray, float]:
+    """Disparity (H, W) within its bounds, and the share of pixels that were not. floor, ceiling: positive."""
+    outside = (disparity < floor) | (disparity > ceiling)
+    return np.clip(disparity, floor, ceiling), float(outside.mean())
+
 
 SourceId = Literal["given", "folder", "splat", "sfm", "onnx"]
 

@@ -1,8 +1,7 @@
 """Named datasets: what `datasets/*.toml` says of them, and where their scenes are on this machine."""
 
 from dofbench.scenes.named.library import named_datasets
-from dofbench.scenes.named.named_scene import Reading, ResolvedScene
-from dofbench.scenes.named.places import find_data_root, scenes_of
+from dofbench.scenes.named.places import Reading, ResolvedScene, find_data_root, scenes_of
 from dofbench.scenes.named.resolve import resolve
 from dofbench.scenes.named.schema import LeftOut, NamedDataset, NamedScene, Recipe
 

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from dofbench.core.errors import InputError
 from dofbench.scenes.named.library import named_datasets
-from dofbench.scenes.named.named_scene import ResolvedScene
-from dofbench.scenes.named.places import recognise, scenes_of, what_to_put
+from dofbench.scenes.named.places import ResolvedScene, recognise, scenes_of, what_to_put
 from dofbench.scenes.named.schema import NamedDataset
 
 _CLOSE = 3

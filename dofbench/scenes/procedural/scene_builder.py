@@ -22,11 +22,10 @@ from dofbench.core.progress import Progress
 from dofbench.scenes.depth.disparity import scene_range
 from dofbench.scenes.export import write_transforms
 from dofbench.scenes.procedural import sparse_points
-from dofbench.scenes.procedural.camera_paths import cameras
 from dofbench.scenes.procedural.recipes import Recipe, recipe
-from dofbench.scenes.procedural.scene_folder import SPARSE, SUMS, TRANSFORMS, SceneFolder
+from dofbench.scenes.procedural.scene_folder import SPARSE, SUMS, TRANSFORMS, SceneFolder, readme
 from dofbench.scenes.procedural.scene_options import MakeScene
-from dofbench.scenes.procedural.scene_readme import readme
+from dofbench.scenes.procedural.stage import cameras
 from dofbench.scenes.procedural.tracer import Tracer, sets_of
 from dofbench.scenes.procedural.variant import choose_variant
 

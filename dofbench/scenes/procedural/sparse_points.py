@@ -95,11 +95,7 @@ def _posed(cameras: Sequence[Camera], names: Sequence[str], found: Any) -> Any:
     first = cameras[0]
     model = pycolmap.Reconstruction()
     camera = pycolmap.Camera(
-        camera_id=1,
-        model="PINHOLE",
-        width=first.width,
-        height=first.height,
-        params=list(first.parameters),
+        camera_id=1, model="PINHOLE", width=first.width, height=first.height, params=list(first.parameters)
     )
     model.add_camera_with_trivial_rig(camera)
     tracks: dict[int, list[tuple[int, int]]] = {}

@@ -14,15 +14,29 @@ from dofbench.core.cameras import NO_OFFSET
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.scenes.local_frame import AnotherFrame, local_offset
-from dofbench.scenes.readers.colmap_files import binary_poses, check_binary, check_kinds, model_suffix
+from dofbench.scenes.readers.colmap_files import (
+    binary_poses,
+    check_binary,
+    check_kinds,
+    count_images,
+    model_suffix,
+    readable_text,
+)
 from dofbench.scenes.readers.colmap_places import PLACES, FoundModel, choose_model, find_model
-from dofbench.scenes.readers.colmap_text import count_images, readable_text
-from dofbench.scenes.readers.folders import choose_folder, find_matches, listed, refuse_missing
+from dofbench.scenes.readers.folders import (
+    choose_folder,
+    fewer_points,
+    find_matches,
+    listed,
+    other_format,
+    refuse_missing,
+    skipped,
+    without_pose,
+)
 from dofbench.scenes.readers.name_match import plain_inside
 from dofbench.scenes.readers.poses import invert, rigid
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.undistort import Intrinsics
-from dofbench.scenes.unused import fewer_points, other_format, skipped, without_pose
 from dofbench.scenes.views import Frame, among_all, assemble, check_inside, held_out
 
 if TYPE_CHECKING:
@@ -36,14 +50,7 @@ _ONE_POSE = 1e-4
 _REASON = 120
 # Where each of OpenCV's coefficients k1 k2 p1 p2 k3 k4 k5 k6 stands among a model's parameters, after its
 # focal lengths and principal point (COLMAP's sensor/models.h); fisheye models have k1 k2 k3 k4.
-_PERSPECTIVE = {
-    "SIMPLE_PINHOLE": 0,
-    "PINHOLE": 0,
-    "SIMPLE_RADIAL": 1,
-    "RADIAL": 2,
-    "OPENCV": 4,
-    "FULL_OPENCV": 8,
-}
+_PERSPECTIVE = {"SIMPLE_PINHOLE": 0, "PINHOLE": 0, "SIMPLE_RADIAL": 1, "RADIAL": 2, "OPENCV": 4, "FULL_OPENCV": 8}
 _FISHEYE = {"SIMPLE_RADIAL_FISHEYE": 1, "RADIAL_FISHEYE": 2, "OPENCV_FISHEYE": 4}
 # Median reprojection error, pixels, beyond twice what a model says of itself, from which on it is named.
 _MISSED = 1.0

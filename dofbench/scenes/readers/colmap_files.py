@@ -1,16 +1,22 @@
-"""Do COLMAP's binary files have the length that they claim?
+"""COLMAP's files checked before pycolmap reads them.
 
-pycolmap reads past the end of a truncated file without a word: it invents cameras, or never
-returns. So the structure is walked first (the layout is COLMAP's scene/reconstruction_io).
+pycolmap reads past the end of a truncated binary file without an error. It cuts an image's name at its first blank,
+and takes every second line of images.txt for 2D points. So both kinds are walked first (layout:
+scene/reconstruction_io of COLMAP), and text is rewritten as COLMAP would write it.
 """
 
 from __future__ import annotations
 
+import re
 import struct
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from dofbench.core.errors import InputError
-from dofbench.core.readable import check_file, read_bytes
+from dofbench.core.readable import check_file, read_bytes, read_text
 
 _PARTS = ("cameras", "images", "points3D")
 
@@ -122,3 +128,187 @@ def _frames(content: bytes, file: Path) -> int:
     for _ in range(_count(content, 0)):
         end += 68 + 16 * struct.unpack_from("<I", content, end + 64)[0]
     return end
+
+
+_COUNT = {part: re.compile(rf"#\s*Number of {part}:\s*(\d+)") for part in ("cameras", "images", "points")}
+# IMAGE_ID, QW QX QY QZ, TX TY TZ, CAMERA_ID, then the name: the rest of the line.
+_BEFORE_NAME = 9
+# POINT3D_ID, X Y Z, R G B, ERROR, then the track: pairs of IMAGE_ID and POINT2D_IDX.
+_BEFORE_TRACK = 8
+_ALL = ("cameras", "images", "points3D", "rigs", "frames")
+
+
+@dataclass(frozen=True)
+class TextModel:
+    """folder: the files for pycolmap. names: of the images, by their id; poses: likewise, quaternion (w first) and
+    translation. notes: what was mended."""
+
+    folder: Path
+    names: dict[int, str]
+    poses: dict[int, tuple[float, ...]]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Images:
+    """lines: of an image, and of its 2D points, by turns. missing: how many of the latter weren't there. cut: whether
+    that of the last image wasn't."""
+
+    names: dict[int, str]
+    lines: list[str]
+    missing: int
+    cut: bool
+
+    @property
+    def poses(self) -> dict[int, tuple[float, ...]]:
+        """Quaternion and translation by id."""
+        return {
+            key: tuple(float(word) for word in line.split(maxsplit=8)[1:8])
+            for key, line in zip(self.names, self.lines[::2], strict=True)
+        }
+
+    @property
+    def have_points(self) -> bool:
+        return any(line.strip() for line in self.lines[1::2])
+
+
+@contextmanager
+def readable_text(folder: Path) -> Iterator[TextModel]:
+    """The text model of a folder, so that pycolmap reads it rightly; a copy, for the block, where it wouldn't.
+
+    Raises InputError for text that isn't UTF-8, a line that is none of the format's, an id that stands twice, and a
+    header (`# Number of images: N`) that contradicts what follows.
+    """
+    files = {part: folder / f"{part}.txt" for part in _ALL if (folder / f"{part}.txt").is_file()}
+    texts = {part: _text(file) for part, file in files.items()}
+    marked = any(file.open("rb").read(3) == b"\xef\xbb\xbf" for file in files.values())
+    images = _text_images(texts["images"], files["images"])
+    _check_count("images", len(images.names), texts["images"], files["images"])
+    cameras = len(_data_lines(texts["cameras"]))
+    _check_count("cameras", cameras, texts["cameras"], files["cameras"])
+    points = [_point(number, line, files["points3D"]) for number, line in _data_lines(texts["points3D"])]
+    _check_count("points", len(points), texts["points3D"], files["points3D"])
+    tracks = not images.have_points and any(len(point) > _BEFORE_TRACK for point in points)
+    if not (marked or images.missing or images.cut or tracks):
+        yield TextModel(folder, images.names, images.poses, ())
+        return
+    note = (
+        f"{files['images'].name} of {folder.name} has no lines of 2D points"
+        if images.missing == len(images.names)
+        else f"{images.missing} of {len(images.names)} images in {files['images'].name} have no line of 2D points"
+    )
+    lines = images.lines
+    if tracks:
+        lines, points = _joined(images, points, files["points3D"])
+        texts["points3D"] = "\n".join(" ".join(point) for point in points)
+    texts["images"] = "\n".join(lines)
+    with tempfile.TemporaryDirectory(prefix="dofbench-colmap-") as copy:
+        for part, text in texts.items():
+            Path(copy, f"{part}.txt").write_text(f"{text}\n", encoding="utf-8")
+        yield TextModel(Path(copy), images.names, images.poses, (note,) if images.missing else ())
+
+
+def count_images(folder: Path) -> int:
+    """How many images images.txt has. Raises InputError as `readable_text`."""
+    file = folder / "images.txt"
+    return len(_text_images(_text(file), file).names)
+
+
+def _text(file: Path) -> str:
+    return read_text(file, "a file of a COLMAP model")
+
+
+def _data_lines(text: str) -> list[tuple[int, str]]:
+    """Lines with data, and their numbers from 1."""
+    lines = enumerate(text.split("\n"), start=1)
+    return [(number, line.strip()) for number, line in lines if line.strip() and not line.lstrip().startswith("#")]
+
+
+def _check_count(part: str, found: int, text: str, file: Path) -> None:
+    announced = _COUNT[part].search(text)
+    if announced is not None and int(announced[1]) != found:
+        raise InputError(file, f"{found} {part}", f"the {announced[1]} that its header counts: a whole file")
+
+
+def _text_images(text: str, file: Path) -> _Images:
+    names: dict[int, str] = {}
+    lines: list[str] = []
+    missing, waiting = 0, False
+    for number, raw in enumerate(text.removesuffix("\n").split("\n"), start=1):
+        line = raw.strip()
+        if line.startswith("#"):
+            continue
+        image = _image(line)
+        if waiting and (not line or image is None):
+            if len(line.split()) % 3:
+                raise InputError(file, f"line {number} of {len(line.split())} words", "an image, or its 2D points")
+            lines.append(line)
+            waiting = False
+        elif line:
+            if image is None:
+                raise InputError(file, f"line {number}: {line[:60]!r}", "an image: id, pose, camera and name")
+            if waiting:
+                lines.append("")
+                missing += 1
+            key, name = image
+            if key in names:
+                raise InputError(file, f"image id {key} a second time in line {number}", "one image an id")
+            names[key] = name
+            lines.append(line)
+            waiting = True
+    if waiting:
+        lines.append("")
+    # An editor that strips a text's end takes the last blank line alone.
+    return _Images(names, lines, missing + (waiting and missing > 0), cut=waiting)
+
+
+def _image(line: str) -> tuple[int, str] | None:
+    """(id, name) of a line that is an image's and can't be one of 2D points; None for others."""
+    words = line.split(maxsplit=_BEFORE_NAME)
+    if len(words) <= _BEFORE_NAME:
+        return None
+    *numbers, name = words
+    try:
+        for word in numbers[1:-1]:
+            float(word)
+        key, _ = int(numbers[0]), int(numbers[-1])
+    except ValueError:
+        return None
+    return None if _are_points(name) else (key, name)
+
+
+def _are_points(rest: str) -> bool:
+    """Whether the words after the ninth go on as 2D points do: in threes, all numbers."""
+    words = rest.split()
+    if len(words) % 3:
+        return False
+    try:
+        for word in words:
+            float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _point(number: int, line: str, file: Path) -> list[str]:
+    words = line.split()
+    if len(words) < _BEFORE_TRACK or len(words) % 2:
+        raise InputError(file, f"line {number} of {len(words)} words", "a point and its whole track")
+    return words
+
+
+def _joined(images: _Images, points: list[list[str]], file: Path) -> tuple[list[str], list[list[str]]]:
+    """Lines of 2D points made up from the tracks, which pycolmap wants to see in both files; their places are 0."""
+    seen: dict[str, list[str]] = {str(key): [] for key in images.names}
+    joined = []
+    for words in points:
+        key, track = words[0], words[_BEFORE_TRACK::2]
+        pairs = []
+        for image in track:
+            if image not in seen:
+                raise InputError(file, f"image {image} in the track of point {key}", "an image of images.txt")
+            pairs += [image, str(len(seen[image]))]
+            seen[image].append(f"0 0 {key}")
+        joined.append([*words[:_BEFORE_TRACK], *pairs])
+    pairs_of_lines = zip(images.lines[::2], seen.values(), strict=True)
+    return [line for image, points_of in pairs_of_lines for line in (image, " ".join(points_of))], joined

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dofbench.core.errors import InputError
-from dofbench.scenes.readers.colmap_files import model_suffix
-from dofbench.scenes.readers.colmap_text import count_images
+from dofbench.scenes.readers.colmap_files import count_images, model_suffix
 from dofbench.scenes.readers.folders import image_folders
 
 PLACES = (

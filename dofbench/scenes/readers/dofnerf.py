@@ -1,7 +1,7 @@
-"""DoF-NeRF's layout (Wu et al. 2022): LLFF's, with three photographs a view: one all in focus, two shallow.
+"""DoF-NeRF's layout (Wu et al. 2022): LLFF's, with one all-in-focus and two shallow photographs a view.
 
 The folders f11, f4_bak and f4_obj stand in images, images_8, ...; the i-th file of each, in sorted order, was taken
-from the i-th pose. What is said of them here is read off the loader and the runner that its authors publish.
+from the i-th pose, as in the authors' published loader.
 """
 
 from __future__ import annotations
@@ -12,15 +12,17 @@ from pathlib import Path
 
 from dofbench.core.errors import InputError
 from dofbench.scenes.readers import llff
+from dofbench.scenes.readers.colmap import read_model
 from dofbench.scenes.readers.colmap_places import find_model
 from dofbench.scenes.readers.folders import choose_folder, image_files, image_folders, marked_hold
-from dofbench.scenes.scene import Scene, Split
-from dofbench.scenes.views import Frame, assemble, check_inside
+from dofbench.scenes.scene import Scene
+from dofbench.scenes.views import Frame, assemble, check_inside, split_rule
 
 # The paper holds out a ninth of the views.
 DEFAULT_HOLD = 9
 _SHARP, _BACKGROUND, _FOREGROUND = "f11", "f4_bak", "f4_obj"
 _STACKS = (_SHARP, _BACKGROUND, _FOREGROUND)
+_HABIT = (8, 4, 1)
 
 
 def fits(root: Path) -> bool:
@@ -32,47 +34,46 @@ def fits(root: Path) -> bool:
 def read(root: Path, *, width: int | None, images: str | None, hold: int | None, skip_missing: bool = False) -> Scene:
     """Read the layout; see `load_scene`.
 
-    Views 1, hold + 1, 2 hold + 1, ... are test views (the one after the first, as the authors count), each
-    its sharp photograph; training views of odd number are focused on the background, of even number on the foreground.
-    hold: where it isn't given, the marker's, else 9. images: a folder with the three in it; or one of the three,
-    such as images_8/f11 (f11: the one that fits the width), read as an LLFF scene of its own. skip_missing: no file
-    says which image is missing, so nothing is skipped.
+    Views 1, hold + 1, 2 hold + 1, ... are test views (as the authors count), each its sharp photograph; training views
+    of odd number are focused on the background, of even number on the foreground. hold: without it the marker's, else
+    9. images: a folder with the three in it; or one of the three, such as images_8/f11 (f11: the one that fits the
+    width), read as an LLFF scene. skip_missing: without effect, as no file names the images.
     """
     if images is not None and Path(images).name in _STACKS:
         return _one_stack(root, images, width, hold)
-    folder = choose_folder(root, width=width, images=images, habit=(8, 4, 1))
+    folder = choose_folder(root, width=width, images=images, habit=_HABIT)
     stacks = {stack: _files(folder / stack) for stack in _STACKS}
-    splits = _splits(root, len(stacks[_SHARP]), hold)
-    frames = []
+    hold, by = _held(root, len(stacks[_SHARP]), hold)
     posed = {stack: llff.posed_frames(root, folder / stack, files) for stack, files in stacks.items()}
-    for index, split in enumerate(splits):
-        shallow = _BACKGROUND if index % 2 else _FOREGROUND
-        frame = posed[_SHARP if split == "test" else shallow][index]
-        # Every view has the name of its sharp photograph, whichever of its three photographs is read.
-        frames.append(replace(frame, name=posed[_SHARP][index].name, split=split))
-    scene = _scene(root, folder / _SHARP, stacks[_SHARP], frames, width)
-    return replace(scene, split_by=_split_by(root, hold)).taken_as(train="shallow", test="all-in-focus")
+    # Every view has the name of its sharp photograph, whichever of its three photographs is read.
+    frames = []
+    for index, sharp in enumerate(posed[_SHARP]):
+        stack = _SHARP if index % hold == 1 else _BACKGROUND if index % 2 else _FOREGROUND
+        frames.append(replace(posed[stack][index], name=sharp.name))
+    scene = _scene(root, folder / _SHARP, stacks[_SHARP], frames, hold, width)
+    return replace(scene, split_by=by).taken_as(train="shallow", test="all-in-focus")
 
 
 def _one_stack(root: Path, images: str, width: int | None, hold: int | None) -> Scene:
     stack = Path(images).name
     if images == stack:
-        folder = choose_folder(root, width=width, images=None, habit=(8, 4, 1)) / stack
+        folder = choose_folder(root, width=width, images=None, habit=_HABIT) / stack
     else:
         folder = choose_folder(root, width=None, images=images, habit=())
     files = _files(folder)
-    splits = _splits(root, len(files), hold)
-    frames = [
-        replace(frame, split=split) for frame, split in zip(llff.posed_frames(root, folder, files), splits, strict=True)
-    ]
-    scene = replace(_scene(root, folder, files, frames, width), split_by=_split_by(root, hold))
+    hold, by = _held(root, len(files), hold)
+    scene = _scene(root, folder, files, llff.posed_frames(root, folder, files), hold, width)
+    scene = replace(scene, split_by=by)
     return scene if stack == _SHARP else scene.taken_as(train="shallow", test="shallow")
 
 
-def _scene(root: Path, folder: Path, files: Sequence[Path], frames: Sequence[Frame], width: int | None) -> Scene:
+def _scene(
+    root: Path, folder: Path, files: Sequence[Path], frames: Sequence[Frame], hold: int, width: int | None
+) -> Scene:
     model = find_model(root)
-    points = llff.read_points(model, folder, files) if model else None
-    scene = assemble(root, "dofnerf", frames, points, width=width, subject=root / "poses_bounds.npy")
+    points = llff.tracked_points(read_model(model), folder, files) if model else None
+    frames = [replace(frame, split="test" if index % hold == 1 else "train") for index, frame in enumerate(frames)]
+    scene = assemble(root, "dofnerf", frames, points, width=width, subject=root / llff.FILE)
     check_inside(scene, model)
     return scene
 
@@ -84,17 +85,11 @@ def _files(folder: Path) -> list[Path]:
     return files
 
 
-def _split_by(root: Path, hold: int | None) -> str:
-    if hold is not None:
-        return f"hold {hold} (as asked)"
-    marked = marked_hold(root)
-    return f"hold {DEFAULT_HOLD} (default)" if marked is None else f"hold {marked} (marker file)"
-
-
-def _splits(root: Path, count: int, hold: int | None) -> list[Split]:
-    marked = marked_hold(root) if hold is None else hold
-    hold = DEFAULT_HOLD if marked is None else marked
+def _held(root: Path, count: int, asked: int | None) -> tuple[int, str]:
+    """(hold, rule of the split). Raises InputError for a hold that leaves no view of either kind."""
+    marked = marked_hold(root) if asked is None else None
+    hold = next(value for value in (asked, marked, DEFAULT_HOLD) if value is not None)
     if hold < 2 or count < 2:
         found = f"hold {hold} for {count} view{'s' if count != 1 else ''}"
         raise InputError(root, found, "hold of at least 2 and two views or more: one to train, one to test")
-    return ["test" if index % hold == 1 else "train" for index in range(count)]
+    return hold, split_rule(asked, marked, DEFAULT_HOLD)

@@ -1,14 +1,17 @@
-"""Which image folder of a scene to read, which file belongs to which camera, what the views are called."""
+"""Find the images of a scene folder: which folder, which file of which camera, what the views are called."""
 
 from __future__ import annotations
 
 import os
 import re
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import Any
 
-from dofbench.core.errors import InputError
+from dofbench.core.contracts import PointCloud
+from dofbench.core.errors import InputError, first_line
 from dofbench.core.image_files.camera_files import CAMERA_SUFFIXES, is_camera_file
 from dofbench.core.images import image_size
 from dofbench.core.readable import check_file
@@ -20,12 +23,22 @@ _TEXT_SUFFIXES = (".csv", ".json", ".md", ".txt", ".xml", ".xmp", ".toml", ".yam
 _HOLD = re.compile(r"hold ?= ?(\d+)")
 _FACTOR = re.compile(r"_\d+$")
 _SEVERAL = 3
+NOTHING_ENLARGED = "at least the {} asked for: nothing is enlarged"
 # COLMAP numbers what it makes inside these: sparse/0, and undistorted images with their model in dense/0.
 _MADE_BY_COLMAP = ("sparse", "dense")
+# Images that capture apps and photogrammetry programs write next to photographs.
+_KIND = (
+    "masks?|depths?|depth_?maps?|conf|confs|confidences?|confidence_?maps?|normals?|normal_?maps?|disparity|disparities|"
+    "segmentations?|semantics?|labels?|alphas?|mattes?"
+)
+# A folder such as masks, masks_4, depth_png, lidar_depth or dynamic-masks.
+_COMPANIONS = re.compile(rf"(?:[a-z0-9]+[_-])?(?:{_KIND})(?:[_-](?:\d+|png|exr|tiff?|jpe?g|images?))?", re.IGNORECASE)
+# A file such as IMG_0_mask.png or 12.depth.png, next to IMG_0.png or 12.png.
+_COMPANION = re.compile(rf"(.+)[._-](?:{_KIND})", re.IGNORECASE)
 
 
 def scene_name(folder: Path) -> str:
-    """What a scene is called: after its folder, or the first one above that a person named and not COLMAP."""
+    """The name of a scene: its folder's, or that of the first one above not named by COLMAP."""
     here = folder.resolve()
     named = here
     while named.name in _MADE_BY_COLMAP or (named.name.isdigit() and named.parent.name in _MADE_BY_COLMAP):
@@ -40,17 +53,44 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(names[:_SEVERAL]) + more
 
 
-def image_files(folder: Path) -> list[Path]:
-    """Image files under `folder`, with sub-folders, sorted by relative path; hidden ones are excluded.
+def contents(root: Path) -> str:
+    """The content of a folder, for a message."""
+    return listed(sorted(path.name for path in root.iterdir() if not path.name.startswith("."))) or "an empty folder"
 
-    Of one photograph that lies there both as the camera stored it (HEIC, AVIF, raw) and in a plain format, by the same
-    name but for the suffix, the plain one. Raises InputError for one that is no regular file: a FIFO, a socket, a link
-    to nothing.
-    """
+
+def image_header(file: Path) -> Any | None:
+    """OpenImageIO's ImageSpec of a file; None where it can't be opened."""
+    import OpenImageIO as oiio
+
+    opened = oiio.ImageInput.open(str(file))
+    if opened is None:
+        first_line(oiio.geterror)  # else it is kept, and printed when the program ends
+        return None
+    header = opened.spec()
+    opened.close()
+    return header
+
+
+def _files(folder: Path) -> list[Path]:
+    """All files under `folder` that aren't hidden."""
     found = []
     for parent, folders, names in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
-        found += [Path(parent, name) for name in names if _is_image(name)]
+        found += [Path(parent, name) for name in names if not name.startswith(".")]
+    return found
+
+
+def _is_image(path: Path) -> bool:
+    return not path.name.startswith(".") and path.suffix.lower() in IMAGE_SUFFIXES
+
+
+def image_files(folder: Path) -> list[Path]:
+    """Image files under `folder`, with sub-folders, sorted by relative path; hidden ones are excluded.
+
+    Of a photograph in a camera's format (HEIC, AVIF, raw) and, by the same name, in a plain one, the plain one. Raises
+    InputError for one that is no regular file: a FIFO, a socket, a dangling link.
+    """
+    found = [path for path in _files(folder) if _is_image(path)]
     for path in found:
         check_file(path, "an image file")
     plain = {path.with_suffix("") for path in found if not is_camera_file(path)}
@@ -59,13 +99,10 @@ def image_files(folder: Path) -> list[Path]:
 
 
 def other_files(folder: Path) -> list[Path]:
-    """Files under `folder`, with sub-folders, that `image_files` passes over; without hidden ones and without text."""
+    """Files under `folder`, with sub-folders, that `image_files` excludes; without hidden ones and text."""
     taken = set(image_files(folder))
-    found = []
-    for parent, folders, names in os.walk(folder):
-        folders[:] = [name for name in folders if not name.startswith(".")]
-        found += [Path(parent, name) for name in names if not name.startswith(".")]
-    return sorted(path for path in found if path not in taken and path.suffix.lower() not in _TEXT_SUFFIXES)
+    found = (path for path in _files(folder) if path not in taken and path.suffix.lower() not in _TEXT_SUFFIXES)
+    return sorted(found)
 
 
 def image_folders(root: Path, base: str = "images") -> dict[int, Path]:
@@ -80,14 +117,18 @@ def image_folders(root: Path, base: str = "images") -> dict[int, Path]:
     return folders
 
 
+def is_scaled(folder: Path) -> bool:
+    """Whether a folder is named like one of scaled copies: images_8."""
+    return _FACTOR.search(folder.name) is not None
+
+
 def choose_folder(
     root: Path, *, width: int | None, images: str | None, habit: Sequence[int], base: str = "images"
 ) -> Path:
-    """The folder to read images from.
+    """The folder to read images from: `images`; else with `width` (pixels) the one with the smallest images at least so
+    wide; else the first factor of `habit` that exists, or the smallest factor.
 
-    `images` names it. Otherwise with `width`, pixels: the one with the smallest images that are
-    all at least so wide. Otherwise the first factor of `habit` that is there, or the one with the
-    smallest factor. Raises InputError where there is none, or none is wide enough.
+    Raises InputError where there is none, or none is wide enough.
     """
     if images is not None:
         folder = root / images
@@ -105,16 +146,71 @@ def choose_folder(
     wide_enough = [folder for folder, pixels in narrowest.items() if pixels >= width]
     if not wide_enough:
         largest = max(narrowest, key=narrowest.__getitem__)
-        raise InputError(
-            largest, f"images {narrowest[largest]} pixels wide", f"at least the {width} asked for: nothing is enlarged"
-        )
+        raise InputError(largest, f"images {narrowest[largest]} pixels wide", NOTHING_ENLARGED.format(width))
     return min(wide_enough, key=lambda folder: (narrowest[folder], folder.name))
+
+
+def photographs_of(source: Path, images: str | None) -> tuple[Path, list[Path], list[str]]:
+    """The photographs of a folder without poses: their folder, their files, and a note on other images.
+
+    images: the folder within `source`; without it the largest of `images`, `images_4` and the like, else the source.
+    Raises InputError where there is no such folder.
+    """
+    folder = source
+    if images is not None or image_folders(source):
+        folder = choose_folder(source, width=None, images=images, habit=())
+    files, aside = without_companions(folder, image_files(folder))
+    return folder, files, aside
+
+
+def without_companions(folder: Path, files: Sequence[Path]) -> tuple[list[Path], list[str]]:
+    """The photographs among the image files below `folder`, without masks, depth maps and the like, and a note on
+    those.
+
+    A companion is named like one, itself or its folder, and next to photographs: one of the folder's images has the
+    name of a photograph, or all of them are grey.
+    """
+    inside: dict[str, list[Path]] = {}
+    for file in files:
+        parts = file.relative_to(folder).parts
+        if any(_COMPANIONS.fullmatch(part) for part in parts[:-1]):
+            inside.setdefault(parts[0], []).append(file)
+    named = {file for those in inside.values() for file in those}
+    outside = {file.stem for file in files if file not in named}
+    # A folder of photographs may be called "depth", too: then nothing else has the names of what is in it.
+    places = {
+        place
+        for place, those in inside.items()
+        if outside and (any(_stems(file) & outside for file in those) or all(_grey(file) for file in those))
+    }
+    paths = {(file.parent, file.stem.lower()) for file in files}
+    kept, aside = [], Counter[str]()
+    for file in files:
+        first = file.relative_to(folder).parts[0]
+        suffixed = _COMPANION.fullmatch(file.stem)
+        if file in named and first in places:
+            aside[f"in {first}/"] += 1
+        elif suffixed is not None and (file.parent, suffixed[1].lower()) in paths:
+            aside["by the end of their names"] += 1
+        else:
+            kept.append(file)
+    counted = ", ".join(f"{count} {place}" for place, count in sorted(aside.items()))
+    return kept, [f"not taken for photographs, as masks, depth or the like: {counted}"] if aside else []
+
+
+def _stems(file: Path) -> set[str]:
+    suffixed = _COMPANION.fullmatch(file.stem)
+    return {file.stem, Path(file.stem).stem, *([suffixed[1]] if suffixed else [])}
+
+
+def _grey(file: Path) -> bool:
+    header = image_header(file)
+    return header is not None and header.nchannels == 1
 
 
 @dataclass(frozen=True)
 class MatchedFiles:
-    """files: one a name, None where the folder has none for it. other_format: how many have another suffix than their
-    name has."""
+    """files: one for each name, None where missing. other_format: how many have another suffix than their name."""
 
     files: tuple[Path | None, ...]
     other_format: int
@@ -123,34 +219,33 @@ class MatchedFiles:
         """Indices of the names that have a file."""
         return [index for index, file in enumerate(self.files) if file is not None]
 
+    def found(self) -> list[Path]:
+        """The files that aren't missing."""
+        return [file for file in self.files if file is not None]
+
+    def missing(self, names: Sequence[str]) -> list[str]:
+        """Those of `names` that have no file."""
+        return [name for name, file in zip(names, self.files, strict=True) if file is None]
+
 
 def find_matches(folder: Path, names: Sequence[str], subject: object, *, by_order: bool = False) -> MatchedFiles:
-    """The file in `folder` of every name in `names`, by the rule of `name_match`.
+    """The file in `folder` of every name, by the rule of `name_match`.
 
-    names: paths relative to the image folder, or with its name before them (`images/a.png`). With `by_order` (LLFF,
-    whose smaller copies may be renumbered), where no name is found and there are as many files as names: both in sorted
-    order. Raises InputError for a name that means several files, and for a file that several names mean.
+    names: paths relative to the image folder, or with its name before them (`images/a.png`). by_order: where no name is
+    found and there are as many files as names, match both in sorted order (LLFF's smaller copies may be renumbered).
+    Raises InputError for a name that means several files, and for a file that several names mean.
     """
     return _matched(folder, image_files(folder), names, subject, by_order)
 
 
-def is_scaled(folder: Path) -> bool:
-    """Whether a folder is called as one of scaled copies: images_8."""
-    return _FACTOR.search(folder.name) is not None
-
-
 def find_files(root: Path, paths: Sequence[str], subject: object) -> MatchedFiles:
-    """As `find_matches`, for paths relative to the scene folder: only the folders that they name are looked into."""
+    """As `find_matches`, for paths relative to the scene folder: only folders that they name are searched."""
     exact = [root / path for path in paths]
     if all(file.is_file() for file in exact):
         return MatchedFiles(tuple(exact), 0)
     folders = sorted({file.parent for file in exact if file.parent.is_dir()})
-    files = [file for folder in folders for file in sorted(folder.iterdir()) if _is_image(file.name) and file.is_file()]
+    files = [file for folder in folders for file in sorted(folder.iterdir()) if _is_image(file) and file.is_file()]
     return _matched(root, files, paths, subject, by_order=False)
-
-
-def _is_image(name: str) -> bool:
-    return not name.startswith(".") and Path(name).suffix.lower() in IMAGE_SUFFIXES
 
 
 def _matched(
@@ -182,32 +277,60 @@ def _matched(
 
 
 def match_files(folder: Path, names: Sequence[str], subject: object, *, by_order: bool = False) -> list[Path]:
-    """The file in `folder` of every name, as `find_matches`. Raises InputError as it does, and where any has none."""
+    """The file in `folder` of every name, as `find_matches`. Raises InputError also where one is missing."""
     matched = find_matches(folder, names, subject, by_order=by_order)
     refuse_missing(folder, names, matched, subject)
-    return [file for file in matched.files if file is not None]
+    return matched.found()
 
 
 class MissingImages(InputError):
-    """Images that a scene names and that aren't there, where others are: --skip-missing reads those."""
+    """Some images that a scene names are missing: --skip-missing reads the others."""
 
 
 def refuse_missing(folder: Path, names: Sequence[str], matched: MatchedFiles, subject: object) -> None:
     """Raise InputError, which names the option that skips them, where a name has no file."""
-    missing = [name for name, file in zip(names, matched.files, strict=True) if file is None]
-    if missing:
-        expected = f"every image that {subject} names"
+    if missing := matched.missing(names):
         others = len(names) - len(missing)
         hint = f"; make-dataset --skip-missing reads the other {others}" if others else ""
         error = MissingImages if others else InputError
-        raise error(folder, f"no image for {listed(missing)}", expected + hint)
+        raise error(folder, f"no image for {listed(missing)}", f"every image that {subject} names{hint}")
+
+
+def without_pose(folder: Path, used: Iterable[Path], poses: object) -> str:
+    """A note on image files of a folder without a pose in `poses` (a file or model); empty without any."""
+    files, known = image_files(folder), set(used)
+    unused = [path.relative_to(folder).as_posix() for path in files if path not in known]
+    posed = f"{len(files)} images in {folder.name}, {len(files) - len(unused)} with a pose in {poses}"
+    return f"{posed}: {len(unused)} not used ({listed(unused)})" if unused else ""
+
+
+def skipped(names: Sequence[str], matched: MatchedFiles, poses: object) -> str:
+    """A note on poses without an image file; empty without any."""
+    missing = matched.missing(names)
+    note = f"{len(names)} poses in {poses}, {len(missing)} without an image, skipped: {listed(missing)}"
+    return note if missing else ""
+
+
+def fewer_points(points: PointCloud | None, kept: PointCloud | None) -> str:
+    """A note on points that no remaining view saw; empty without any."""
+    if points is None or kept is None or len(kept) == len(points):
+        return ""
+    return f"{len(points)} points, {len(points) - len(kept)} that no remaining view saw: skipped"
+
+
+def other_format(matched: MatchedFiles, folder: Path, poses: object) -> str:
+    """A note on images with another suffix than their names in `poses`; empty without any, and for a folder of scaled
+    copies (images_8), which often have one."""
+    if not matched.other_format or is_scaled(folder):
+        return ""
+    return f"{matched.other_format} of {len(matched.files)} images have another suffix than their names in {poses}"
 
 
 def view_names(files: Sequence[str]) -> list[str]:
     """One unique view name a file (paths with '/' between parts): the stem where stems are unique.
 
-    Otherwise, for all files alike, the whole path with '_' for '/', without suffix, then with it
-    as '_png'; what still clashes is numbered in order.
+    Otherwise, for all files alike, the whole path with '_' for '/', without suffix, then with it as '_png'; clashing
+    names are numbered in order.
     """
     paths = [PurePosixPath(file) for file in files]
     relative = ["_".join(part for part in path.parts if part not in ("/", "..")) for path in paths]
@@ -224,13 +347,8 @@ def view_names(files: Sequence[str]) -> list[str]:
 
 
 def marked_hold(root: Path) -> int | None:
-    """N of a marker file `hold=N` in the scene folder (Deblur-NeRF's habit); None without one."""
+    """N of a marker file `hold=N` in the scene folder (Deblur-NeRF); None without one."""
     found = [int(match[1]) for path in root.iterdir() if (match := _HOLD.fullmatch(path.name))]
     if len(found) > 1:
         raise InputError(root, f"{len(found)} marker files hold=N", "one at most")
     return found[0] if found else None
-
-
-def contents(root: Path) -> str:
-    """What a folder holds, for a message."""
-    return listed(sorted(path.name for path in root.iterdir() if not path.name.startswith("."))) or "an empty folder"

@@ -16,7 +16,6 @@ from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json
 from dofbench.core.images import image_size
-from dofbench.scenes.beside import points_beside
 from dofbench.scenes.ply import read_ply
 from dofbench.scenes.readers.colmap import read_found
 from dofbench.scenes.readers.colmap_places import choose_model
@@ -27,14 +26,17 @@ from dofbench.scenes.readers.folders import (
     find_matches,
     image_folders,
     listed,
+    other_format,
     refuse_missing,
+    skipped,
+    without_pose,
 )
+from dofbench.scenes.readers.model_beside import points_beside
 from dofbench.scenes.readers.name_match import plain, plain_inside
 from dofbench.scenes.readers.poses import Mended, invert, opengl_to_opencv, rigid
 from dofbench.scenes.readers.split_files import FileSplit, agreed, split_sources
 from dofbench.scenes.scene import Scene, Split
 from dofbench.scenes.undistort import Intrinsics
-from dofbench.scenes.unused import other_format, skipped, without_pose
 from dofbench.scenes.views import Frame, among_all, assemble, check_inside, held_as_asked, held_out
 
 _FILE = "transforms.json"

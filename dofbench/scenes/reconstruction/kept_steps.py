@@ -1,12 +1,12 @@
-"""What a reconstruction keeps between its stages, so that one that was cut off goes on."""
+"""The work folder of a reconstruction, by which an interrupted run resumes, and interruptible calls into COLMAP."""
 
 from __future__ import annotations
 
 import shutil
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,52 +17,26 @@ RECORD = "reconstruct.json"
 _WORK, _STATE, _TIMES, _MOVED = ".work", "state.json", "seconds.json", "moved.json"
 
 
-@dataclass(frozen=True)
 class Work:
-    """The folder of the scene, and within it the one of what isn't finished."""
+    """Paths of a reconstruction. root: of the scene. folder: of everything unfinished. photographs: as the stages see
+    them. database: COLMAP's features and matches. model: COLMAP's model, complete when it exists. scene: the result
+    before it is moved to its place."""
 
-    root: Path
-
-    @property
-    def folder(self) -> Path:
-        """Everything that is not the result."""
-        return self.root / _WORK
-
-    @property
-    def photographs(self) -> Path:
-        """The photographs as the stages see them."""
-        return self.folder / "photographs"
-
-    @property
-    def database(self) -> Path:
-        """COLMAP's features and matches."""
-        return self.folder / "database.db"
-
-    @property
-    def model(self) -> Path:
-        """COLMAP's model, complete when it is there."""
-        return self.folder / "model"
-
-    @property
-    def scene(self) -> Path:
-        """The result before it is moved to its place."""
-        return self.folder / "scene"
+    def __init__(self, root: Path):
+        self.root, self.folder = root, root / _WORK
+        self.photographs, self.database = self.folder / "photographs", self.folder / "database.db"
+        self.model, self.scene = self.folder / "model", self.folder / "scene"
 
     def begin(self, identity: str) -> Literal["complete", "open"]:
-        """Make the folder ready for the reconstruction `identity`, keeping what an earlier run of the same finished.
-
-        What another one left unfinished is thrown away. Raises InputError where the folder holds anything else.
-        """
+        """Prepare the folder for the reconstruction `identity`, keeping finished stages of the same one and deleting
+        unfinished ones of another. Raises InputError where the folder holds anything else."""
         refuse_links_outside(self.root)
         record = self.root / RECORD
         if record.is_file():
             found = read_json(record)
             if not isinstance(found, dict) or found.get("identity") != identity:
-                raise InputError(
-                    self.root,
-                    "another reconstruction",
-                    "the same one (photographs, settings, version), or another --out",
-                )
+                expected = "the same one (photographs, settings, version), or another --out"
+                raise InputError(self.root, "another reconstruction", expected)
             if self._begun():
                 shutil.rmtree(self.folder)
             return "complete"
@@ -80,7 +54,7 @@ class Work:
         return "open"
 
     def finish(self) -> None:
-        """Move the result to its place, the record last, and take the rest away."""
+        """Move the result to its place, the record last, and delete the rest."""
         paths = sorted(self.scene.iterdir(), key=lambda path: path.name == RECORD)
         write_json(self.folder / _MOVED, [path.name for path in paths])
         for path in paths:
@@ -97,7 +71,7 @@ class Work:
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
-        """Add the time that the block takes to that stage's; a run that is cut off loses what it spent in a stage."""
+        """Add the block's time to that of the stage; an interrupted run loses it."""
         start = time.monotonic()
         yield
         times = self.seconds()
@@ -110,9 +84,39 @@ class Work:
 
 
 def _move(path: Path, place: Path) -> None:
-    """Move a file or folder to its place; a folder that a run which was cut off moved in part is completed."""
+    """Move a file or folder to its place, or the rest of a folder that an interrupted run moved in part."""
     if path.is_dir() and place.is_dir():
         for below in sorted(path.iterdir()):
             _move(below, place / below.name)
     else:
         path.replace(place)
+
+
+# Seconds between two looks at how far a call is.
+_LOOK = 0.2
+
+
+def wait(call: Callable[[], Any], look: Callable[[], None] | None = None) -> Any:
+    """Run `call` in a thread; return its result or raise its exception. look: called from time to time meanwhile.
+
+    An interruption is raised at once and leaves the thread to end with the process, so `call` must tolerate being cut
+    off while it writes.
+    """
+    result: list[Any] = []
+    failure: list[BaseException] = []
+
+    def work() -> None:
+        try:
+            result.append(call())
+        except BaseException as error:  # raised again in the main thread
+            failure.append(error)
+
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    while thread.is_alive():
+        thread.join(_LOOK)
+        if look is not None:
+            look()
+    if failure:
+        raise failure[0]
+    return result[0]

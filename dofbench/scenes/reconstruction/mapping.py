@@ -1,4 +1,4 @@
-"""From matches to camera poses and points, incrementally or globally; and points alone where the poses are known."""
+"""Map matches to camera poses and points, incrementally or globally, or to points alone where poses are known."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from dofbench.scenes.reconstruction.interruptible import wait
+from dofbench.scenes.reconstruction.kept_steps import wait
 from dofbench.scenes.reconstruction.photograph_list import LEAST, Prepared
 from dofbench.scenes.reconstruction.reconstruct_options import Mapping
 
@@ -22,8 +22,8 @@ _ENOUGH = 0.95
 
 @dataclass(frozen=True, eq=False)
 class Mapped:
-    """What mapping found. model: a pycolmap.Reconstruction with the most photographs. others: photographs of each
-    further part that hangs together in itself, by file name. attempt: whose demands it met."""
+    """model: the pycolmap.Reconstruction with the most photographs. others: file names of each further connected part.
+    attempt: whose thresholds it met."""
 
     model: Any
     others: tuple[tuple[str, ...], ...]
@@ -41,10 +41,10 @@ def map_photographs(
     advance: Callable[[int], None],
     sign: Callable[[], None],
 ) -> Mapped | None:
-    """Poses of the photographs that hang together, `count` at most; None where no three of them do.
+    """Poses of the connected photographs, `count` at most; None for fewer than three.
 
     One thread and one seed: the same database gives the same bits. advance: called with the photographs placed so far.
-    sign: called often while nobody knows how far it is.
+    sign: called often while progress is unknown.
     """
     if mapping == "global":
         return _largest(wait(lambda: _global(database, folder, work, seed), sign), "COLMAP's own")
@@ -52,8 +52,7 @@ def map_photographs(
     for attempt, demands in (("COLMAP's own", {}), ("lenient", _LENIENT)):
         placed = _Placed(advance, count)
         found = _largest(
-            wait(partial(_incremental, database, folder, work, seed, demands, placed), placed.look),
-            attempt,
+            wait(partial(_incremental, database, folder, work, seed, demands, placed), placed.look), attempt
         )
         if found is not None and (best is None or found.model.num_reg_images() > best.model.num_reg_images()):
             best = found
@@ -63,21 +62,21 @@ def map_photographs(
 
 
 class _Placed:
-    """Counts photographs as COLMAP's thread places them; the main thread shows it."""
+    """Counts photographs as COLMAP's thread places them; the main thread shows the count."""
 
     def __init__(self, advance: Callable[[int], None], most: int):
         self._advance, self._most, self._count = advance, most, 0
 
     def begin(self) -> None:
-        """A model begins with two photographs."""
+        """Count the two photographs that a model begins with."""
         self._count = 2
 
     def one_more(self) -> None:
-        """The next photograph was placed."""
+        """Count the next photograph."""
         self._count += 1
 
     def look(self) -> None:
-        """Show it."""
+        """Show the count."""
         self._advance(min(self._count, self._most))
 
 
@@ -108,12 +107,8 @@ def _global(database: Path, folder: Path, work: Path, seed: int) -> dict[int, An
 
     options = pycolmap.GlobalPipelineOptions()
     options.num_threads, options.random_seed, options.min_model_size = 1, seed, LEAST
-    for part in (
-        options.mapper,
-        options.mapper.rotation_averaging,
-        options.mapper.global_positioning,
-        options.mapper.retriangulation,
-    ):
+    mapper = options.mapper
+    for part in (mapper, mapper.rotation_averaging, mapper.global_positioning, mapper.retriangulation):
         part.random_seed = seed
     options.mapper.num_threads = 1
     options.mapper.global_positioning.use_gpu = False
@@ -146,11 +141,11 @@ def triangulate(
     *,
     error: float | None = None,
 ) -> Any:
-    """Points (a pycolmap.Reconstruction) of photographs whose poses are known and held fixed.
+    """Triangulate points (a pycolmap.Reconstruction) of photographs with fixed poses.
 
-    Tracks that cameras see under a smaller angle than 1.5 degrees, or miss by 4 pixels, are left out, as COLMAP does.
-    sign: called often meanwhile. error: pixels in place of these 4, and the angle of twice as many in place of COLMAP's
-    2 degrees between a ray and the point that it is taken to see.
+    As COLMAP, excludes tracks of an angle below 1.5 degrees or an error above 4 pixels. sign: called often meanwhile.
+    error: pixels in place of these 4, and the angle of twice as many in place of COLMAP's 2 degrees between a ray and
+    its point.
     """
     from dofbench.scenes.colmap_binding import pycolmap
 

@@ -1,4 +1,4 @@
-"""What a reconstruction starts from: a folder of photographs, a video, or a scene whose poses are known."""
+"""Input of a reconstruction: a folder of photographs, a video, or a scene with known poses."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ from typing import Literal
 
 from dofbench.core.cameras import NO_OFFSET, Offset
 from dofbench.core.errors import InputError
-from dofbench.core.files import canonical_json, sha256_text
+from dofbench.core.files import canonical_json, sha256_file, sha256_text
 from dofbench.scenes.loading import detect, load_scene, print_notes
 from dofbench.scenes.readers.folders import image_folders
 from dofbench.scenes.reconstruction import video
 from dofbench.scenes.reconstruction.photograph_list import LEAST, Photograph, digests, find_photographs, upright_size
 from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
-from dofbench.scenes.reconstruction.video_colour import check_colours
 from dofbench.scenes.scene import Scene
 from dofbench.scenes.views import DEFAULT_HOLD
 
@@ -25,11 +24,11 @@ _EXPECTED = "a folder of photographs, a video, or a scene with poses"
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """What there is. views: photographs that it gives, of a video at most. size: the first one's (width, height),
-    upright. digests: gives the sha256 of every file, by name. photographs: given a folder for frames, and told of
-    progress, the photographs. count: of the items that progress counts; 0 where nothing needs doing. holds_split:
-    whether the views' split is another than every eighth view's. poses: digest of cameras, split and offset, where the
-    poses are known; empty else. offset: of the scene. notes: what was converted or skipped, a sentence each."""
+    """Photographs to reconstruct from. views: their number, of a video at most. size: the first one's (width, height),
+    upright. digests: gives the sha256 of every file, by name. photographs: called with a folder for frames and a
+    progress callback. count: of the items that progress counts, 0 without. holds_split: whether the split differs from
+    every eighth view. poses: digest of known cameras, split and offset, else empty. notes: on conversions and skipped
+    files."""
 
     kind: Kind
     name: str
@@ -45,7 +44,7 @@ class Source:
 
 
 def find_source(settings: Reconstruct) -> Source:
-    """What the settings name. Raises InputError for a source that isn't there, isn't readable or has too little."""
+    """Find the input of the settings. Raises InputError for one that is missing, unreadable or too small."""
     path = settings.source
     above = next(place for place in (settings.out, *settings.out.absolute().parents) if place.exists())
     if not above.is_dir():
@@ -70,25 +69,24 @@ def find_source(settings: Reconstruct) -> Source:
         )
     if not video.is_video(path):
         raise InputError(path, "a file that is no video", f"{_EXPECTED} ({', '.join(video.VIDEO_SUFFIXES)})")
-    check_colours(path)
+    video.check_colours(path)
     count, size = video.announced(path), video.frame_size(path)
     return Source(
         "video",
         path.stem,
         min(count or settings.frames, settings.frames),
         size,
-        lambda: video.digest(path),
+        lambda: {path.name: sha256_file(path)},
         lambda folder, advance: video.sharpest_frames(path, folder, settings.frames, advance),
         count=count,
     )
 
 
 def _posed(settings: Reconstruct) -> Source:
-    """A scene as its reader gives it, upright or not: the poses are those of the files as they lie."""
+    """A scene with poses, its images as stored: the poses belong to those."""
     path, images = settings.source, settings.images
-    layout = detect(path)
     folders = image_folders(path)
-    if images is None and layout in ("llff", "colmap") and folders:
+    if images is None and detect(path) in ("llff", "colmap") and folders:
         images = folders[min(folders)].name
     try:
         scene = load_scene(path, images=images, alpha_channel=settings.alpha_channel)
@@ -103,7 +101,7 @@ def _posed(settings: Reconstruct) -> Source:
         for view in scene.views
     ]
     first = scene.views[0].camera
-    usual = {view.name: view.split for view in scene.with_hold(DEFAULT_HOLD).views}
+    usual = [view.split for view in scene.with_hold(DEFAULT_HOLD).views]
     return Source(
         "poses",
         scene.name,
@@ -111,7 +109,7 @@ def _posed(settings: Reconstruct) -> Source:
         (first.width, first.height),
         lambda: digests(photographs),
         lambda folder, advance: photographs,
-        holds_split=any(view.split != usual[view.name] for view in scene.views),
+        holds_split=[view.split for view in scene.views] != usual,
         poses=_digest(scene),
         offset=scene.offset,
         notes=scene.notes,
@@ -119,7 +117,7 @@ def _posed(settings: Reconstruct) -> Source:
 
 
 def _digest(scene: Scene) -> str:
-    """What decides the points of a scene beside its photographs: sha256 of cameras, split and offset."""
+    """sha256 of cameras, split and offset: with the photographs they decide the points."""
     views = [
         [view.name, view.split, *view.camera.parameters, *view.camera.world_to_camera.ravel().tolist()]
         for view in scene.views

@@ -1,4 +1,4 @@
-"""Points alone, of photographs whose cameras are known: triangulated between these photographs and no others."""
+"""Triangulate points between photographs with known cameras."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ import numpy as np
 from dofbench.core.contracts import PointCloud
 from dofbench.core.progress import Progress
 from dofbench.scenes.readers.colmap import read_model
-from dofbench.scenes.reconstruction.comparing import compare
 from dofbench.scenes.reconstruction.mapping import triangulate
-from dofbench.scenes.reconstruction.photograph_list import LEAST, Photograph, Prepared, prepare
-from dofbench.scenes.reconstruction.scene_writing import in_front
+from dofbench.scenes.reconstruction.matching import compare
+from dofbench.scenes.reconstruction.photograph_list import LEAST, Photograph, prepare
+from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
+from dofbench.scenes.visibility import in_front
 
 # COLMAP allows an error of 4 pixels, which suits photographs of this width; narrower ones are allowed less in
 # proportion, but a pixel at least, since what is blurred isn't found more precisely than that.
@@ -23,7 +24,7 @@ _FEATURES = 8192
 
 
 def program() -> str:
-    """What triangulates, with its version."""
+    """Name and version of the triangulating program."""
     from dofbench.scenes.colmap_binding import pycolmap
 
     return f"pycolmap {pycolmap.__version__}"
@@ -32,10 +33,10 @@ def program() -> str:
 def triangulated_points(
     photographs: Sequence[Photograph], work: Path, seed: int, progress: Progress
 ) -> PointCloud | None:
-    """The points that features of these photographs agree on, their cameras held as they are; None without any.
+    """Triangulate features of these photographs, their cameras held fixed; None without any point.
 
-    Tracks index into `photographs` and have at least two views. work: a folder for everything in between, emptied
-    first. The same photographs and seed give the same bytes on one machine.
+    Tracks index into `photographs` and have at least two views. work: a folder for intermediate files, emptied first.
+    The same photographs and seed give the same bytes on one machine.
     """
     from dofbench.scenes.colmap_binding import pycolmap
 
@@ -46,22 +47,13 @@ def triangulated_points(
     folder, database = work / "photographs", work / "database.db"
     folder.mkdir(parents=True)
     cameras = [photograph.camera for photograph in photographs if photograph.camera is not None]
-    # Whole, whatever their size: nothing is shrunk that a method gets at this size.
+    # At full size: nothing is shrunk that a method gets at this size.
     size = max(max(camera.width, camera.height) for camera in cameras)
     prepared = prepare(photographs, folder, size, lambda done: None)
-    error = _error(prepared)
-    compare(
-        database,
-        folder,
-        prepared,
-        (),
-        progress,
-        matching="auto",
-        camera_model="PINHOLE",
-        most=_FEATURES,
-        seed=seed,
-        error=error,
-    )
+    widest = max(max(photograph.width, photograph.height) for photograph in prepared)
+    error = float(np.clip(_USUAL_ERROR * widest / _USUAL_WIDTH, _LEAST_ERROR, _USUAL_ERROR))
+    settings = Reconstruct(work, work, camera_model="PINHOLE", features=_FEATURES, seed=seed)
+    compare(database, folder, prepared, (), progress, settings, error=error)
     with progress.stage("points", 1) as advance:
         found = triangulate(database, folder, work, prepared, seed, lambda: None, error=error)
         advance(1)
@@ -72,20 +64,7 @@ def triangulated_points(
     found.write_binary(model)
     points = read_model(model).points
     assert points is not None
-    return _agreed(in_front(points, [photograph.camera for photograph in prepared if photograph.camera is not None]))
-
-
-def _error(photographs: Sequence[Prepared]) -> float:
-    """Pixels by which a photograph may miss a point."""
-    widest = max(max(photograph.width, photograph.height) for photograph in photographs)
-    return float(np.clip(_USUAL_ERROR * widest / _USUAL_WIDTH, _LEAST_ERROR, _USUAL_ERROR))
-
-
-def _agreed(points: PointCloud) -> PointCloud | None:
-    """The points that at least two views saw."""
+    points = in_front(points, [photograph.camera for photograph in prepared if photograph.camera is not None])
     assert points.views is not None
     kept = np.array([len(track) > 1 for track in points.views])
-    if not kept.any():
-        return None
-    tracks = tuple(track for track, keep in zip(points.views, kept, strict=True) if keep)
-    return PointCloud(points.xyz[kept], points.rgb[kept], points.error[kept], tracks)
+    return points.kept(kept) if kept.any() else None

@@ -1,4 +1,4 @@
-"""The options of `reconstruct`: what a user types, and what it means once checked."""
+"""Options of `reconstruct`."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Reconstruct:
     """Seed of the random choices in matching and mapping."""
 
     def recipe(self) -> dict[str, Any]:
-        """All that decides the result, as plain data: the options but for where things are."""
+        """Options that decide the result, as plain data: all but paths."""
         skipped = {"source", "out", *(("alpha_channel",) if self.alpha_channel is None else ())}
         return {name: value for name, value in asdict(self).items() if name not in skipped}
 

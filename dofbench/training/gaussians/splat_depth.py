@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dofbench.scenes.depth.estimate import DepthEstimate, trust
-from dofbench.scenes.depth.source import SourceId
+from dofbench.scenes.depth.source import DepthEstimate, SourceId, trust
 from dofbench.scenes.scene import Scene, SceneView
 from dofbench.training import gaussians
 

@@ -12,9 +12,9 @@ import pytest
 from dofbench.cli import app
 from dofbench.core.errors import InputError
 from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
+from dofbench.scenes.listing import inspect
 from dofbench.scenes.named import NamedDataset, named_datasets, resolve
 from dofbench.scenes.named.library import source_of
-from dofbench.scenes.named.presence import inspect
 from dofbench.scenes.named.schema import NamedScene
 
 LIBRARY = named_datasets()

@@ -13,7 +13,7 @@ from dofbench.cli import app
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
 from dofbench.scenes.named import named_datasets, resolve
-from dofbench.scenes.named.roles import StatedRole, contradiction, role_of_recipe, role_of_scene
+from dofbench.scenes.named.library import StatedRole, contradiction, role_of_recipe, role_of_scene
 from dofbench.scenes.procedural.scene_options import DEVELOPMENT, NAMES, REPORT, MakeScene
 
 LIBRARY = named_datasets()

@@ -10,9 +10,8 @@ import numpy as np
 from dofbench.scenes.procedural import textures
 from dofbench.scenes.procedural.ink import Colour
 from dofbench.scenes.procedural.shapes import box, leaf, merged, quad, rod, turned
-from dofbench.scenes.procedural.sky import night
 from dofbench.scenes.procedural.stage import Lamp, Mesh, Prop, Sphere, Stage, Tube, Viewpoints
-from dofbench.scenes.procedural.textures import BRIGHT
+from dofbench.scenes.procedural.textures import BRIGHT, night
 
 TITLE = "fir tree with small bright lamps in a dark room: highlights"
 VIEWPOINTS = Viewpoints((0.0, 0.0, 1.15), (0.0, 3.3, 0.86), (0.28, 0.05, 0.18), aim=0.05, arc=38)
@@ -31,10 +30,7 @@ def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng([seed, 23])
     props = [*_room(rng), *_tree(rng), *_table(rng), *_window(rng)]
-    lamps = (
-        Lamp((-2.2, 0.6, 3.8), (0.0, 3.2, 0.6), 0.8, 34.0),
-        Lamp((2.4, 4.6, 4.2), (0.4, 7.0, 0.8), 0.9, 46.0),
-    )
+    lamps = (Lamp((-2.2, 0.6, 3.8), (0.0, 3.2, 0.6), 0.8, 34.0), Lamp((2.4, 4.6, 4.2), (0.4, 7.0, 0.8), 0.9, 46.0))
     return Stage(tuple(props), lamps, night(rng))
 
 

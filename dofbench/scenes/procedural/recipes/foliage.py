@@ -20,10 +20,7 @@ def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng([seed, 12])
     props = [*_room(rng), *_branches(rng), *_subject(rng)]
-    lamps = (
-        Lamp((-2.4, 0.2, 5.2), (0.0, 2.4, 0.6), 1.8, 24.0),
-        Lamp((3.2, 4.2, 6.0), (0.2, 7.6, 1.0), 2.2, 26.0),
-    )
+    lamps = (Lamp((-2.4, 0.2, 5.2), (0.0, 2.4, 0.6), 1.8, 24.0), Lamp((3.2, 4.2, 6.0), (0.2, 7.6, 1.0), 2.2, 26.0))
     return Stage(tuple(props), lamps, 0.32)
 
 

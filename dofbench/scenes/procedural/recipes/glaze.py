@@ -9,9 +9,8 @@ import numpy as np
 from dofbench.scenes.procedural import textures
 from dofbench.scenes.procedural.ink import Colour, stroke
 from dofbench.scenes.procedural.shapes import box, merged, quad, rod, turned
-from dofbench.scenes.procedural.sky import directions
 from dofbench.scenes.procedural.stage import Lamp, Mesh, Prop, Sphere, Stage, Viewpoints
-from dofbench.scenes.procedural.textures import BRIGHT
+from dofbench.scenes.procedural.textures import BRIGHT, directions
 
 TITLE = "glazed pots, bowls and plates by a window: gloss"
 VIEWPOINTS = Viewpoints((0.0, 0.0, 1.18), (0.0, 3.2, 0.48), (0.28, 0.05, 0.18), aim=0.05, arc=44)

@@ -8,9 +8,8 @@ import numpy as np
 
 from dofbench.scenes.procedural import textures
 from dofbench.scenes.procedural.shapes import box, lid, quad
-from dofbench.scenes.procedural.sky import directions
 from dofbench.scenes.procedural.stage import Lamp, Prop, Sphere, Stage, Tube, Viewpoints
-from dofbench.scenes.procedural.textures import BRIGHT
+from dofbench.scenes.procedural.textures import BRIGHT, directions
 
 TITLE = "varnished and metal things under small strong lamps: gloss"
 VIEWPOINTS = Viewpoints((0.0, 0.0, 1.25), (0.0, 3.1, 0.35), (0.28, 0.05, 0.18), aim=0.05, arc=50)

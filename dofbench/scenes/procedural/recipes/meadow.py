@@ -8,8 +8,8 @@ import numpy as np
 
 from dofbench.scenes.procedural import textures
 from dofbench.scenes.procedural.shapes import blade, box, ground, leaf, lid, merged, rod
-from dofbench.scenes.procedural.sky import cloudy
 from dofbench.scenes.procedural.stage import Lamp, Prop, Sphere, Stage, Tube, Viewpoints
+from dofbench.scenes.procedural.textures import cloudy
 
 TITLE = "meadow with trees, hills and sky: unbounded, the background at infinity"
 VIEWPOINTS = Viewpoints((0.0, 0.0, 1.05), (0.0, 4.0, 0.80), (0.32, 0.05, 0.18), aim=0.06, arc=360)

@@ -9,9 +9,8 @@ import numpy as np
 
 from dofbench.scenes.procedural import textures
 from dofbench.scenes.procedural.shapes import box, merged, quad, rod
-from dofbench.scenes.procedural.sky import night
 from dofbench.scenes.procedural.stage import Lamp, Prop, Sphere, Stage, Tube, Viewpoints
-from dofbench.scenes.procedural.textures import BRIGHT
+from dofbench.scenes.procedural.textures import BRIGHT, night
 
 TITLE = "strings of bulbs at night, up to 60 times white: highlights"
 VIEWPOINTS = Viewpoints((0.0, 0.0, 1.15), (0.0, 3.4, 0.86), (0.28, 0.05, 0.18), aim=0.06, arc=36)
@@ -22,10 +21,7 @@ def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng([seed, 13])
     props = [*_terrace(rng), *_strings(rng), *_city(rng)]
-    lamps = (
-        Lamp((-1.2, 1.2, 4.2), (0.1, 3.4, 0.3), 0.9, 26.0),
-        Lamp((2.6, 5.6, 4.6), (0.6, 7.6, 0.4), 0.9, 40.0),
-    )
+    lamps = (Lamp((-1.2, 1.2, 4.2), (0.1, 3.4, 0.3), 0.9, 26.0), Lamp((2.6, 5.6, 4.6), (0.6, 7.6, 0.4), 0.9, 40.0))
     return Stage(tuple(props), lamps, night(rng))
 
 

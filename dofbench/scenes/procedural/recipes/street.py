@@ -9,9 +9,8 @@ import numpy as np
 
 from dofbench.scenes.procedural import textures
 from dofbench.scenes.procedural.shapes import box, ground, leaf, lid, merged, quad, rod, turned
-from dofbench.scenes.procedural.sky import cloudy
 from dofbench.scenes.procedural.stage import Lamp, Mesh, Prop, Sphere, Stage, Tube, Viewpoints
-from dofbench.scenes.procedural.textures import BRIGHT
+from dofbench.scenes.procedural.textures import BRIGHT, cloudy
 
 TITLE = "village street with far hills and sky: unbounded, the background at infinity"
 VIEWPOINTS = Viewpoints((0.0, 0.0, 1.20), (0.0, 4.0, 0.92), (0.32, 0.05, 0.20), aim=0.06, arc=30)
