@@ -48,23 +48,20 @@ def inspect(scene: ResolvedScene) -> Presence:
         loaded = scene.load()
     except InputError as error:
         return Presence(scene, "unreadable", str(error))
-    training = sum(view.split == "train" for view in loaded.views)
-    test, views = len(loaded.views) - training, len(loaded.views)
-    camera = loaded.views[0].camera
-    counted = f"{training} + {test} test, {camera.width}x{camera.height}"
+    training, views = _count(loaded.views, "train"), len(loaded.views)
+    camera, marked = loaded.views[0].camera, marked_hold(scene.root)
+    detail = f"{training} + {views - training} test, {camera.width}x{camera.height}"
+    state: State = "here" if scene.views is None else "complete"
     if scene.views is not None and views != scene.views:
-        state: State = "incomplete" if views < scene.views else "different"
-        return Presence(scene, state, f"{views} views in {scene.root}, expected {scene.views}", training, test)
-    if scene.size is not None and scene.size != (camera.width, camera.height):
-        expected = f"{scene.size[0]}x{scene.size[1]}"
-        return Presence(scene, "different", f"{counted} in {scene.root}, expected {expected}", training, test)
-    marked = marked_hold(scene.root)
-    if scene.hold is not None and marked is not None and marked != scene.hold:
-        detail = f"a marker hold={marked} in {scene.root}, expected hold={scene.hold}"
-        return Presence(scene, "different", detail, training, test)
-    if other := same_files(scene.root, scene.sha256):
-        return Presence(scene, "different", f"{scene.root / other} has another checksum than recorded", training, test)
-    return Presence(scene, "here" if scene.views is None else "complete", counted, training, test)
+        state = "incomplete" if views < scene.views else "different"
+        detail = f"{views} views in {scene.root}, expected {scene.views}"
+    elif scene.size is not None and scene.size != (camera.width, camera.height):
+        state, detail = "different", f"{detail} in {scene.root}, expected {scene.size[0]}x{scene.size[1]}"
+    elif scene.hold is not None and marked is not None and marked != scene.hold:
+        state, detail = "different", f"a marker hold={marked} in {scene.root}, expected hold={scene.hold}"
+    elif other := same_files(scene.root, scene.sha256):
+        state, detail = "different", f"{scene.root / other} has another checksum than recorded"
+    return Presence(scene, state, detail, training, views - training)
 
 
 @dataclass(frozen=True)
@@ -117,21 +114,11 @@ def print_scenes(folders: Sequence[Path] = (), data_root: Path | None = None) ->
     root = find_data_root(data_root)
     listed = list_scenes(folders)
     rows = [("scene", "layout", "views", "split by", "size", "points", "depth", "EXIF", "what")]
-    rows += [
-        (
-            scene.name,
-            scene.layout,
-            f"{scene.training} + {scene.test} test",
-            scene.split,
-            f"{scene.width}x{scene.height}",
-            str(scene.points),
-            "given" if scene.depth else "-",
-            scene.exif or "-",
-            scene.title,
-        )
-        for scene in listed
-        if not scene.problem
-    ]
+    for scene in listed:
+        if not scene.problem:
+            views, size = f"{scene.training} + {scene.test} test", f"{scene.width}x{scene.height}"
+            maps = str(scene.points), "given" if scene.depth else "-", scene.exif or "-"
+            rows.append((scene.name, scene.layout, views, scene.split, size, *maps, scene.title))
     _print_table(rows)
     for scene in listed:
         for note in scene.notes:
@@ -170,19 +157,9 @@ def _expected(dataset: NamedDataset) -> str:
 
 def _print_presences(dataset: NamedDataset, presences: Sequence[Presence], root: Path) -> None:
     """What is here, a line each; then, once for all that is absent, what to put where."""
-    _print_table(
-        [
-            (
-                f"  {presence.scene.label}",
-                presence.scene.role or ROLE_NOT_STATED,
-                presence.state,
-                presence.detail,
-                presence.scene.note,
-            )
-            for presence in presences
-            if presence.state != "absent"
-        ]
-    )
+    here = [(one.scene, one.state, one.detail) for one in presences if one.state != "absent"]
+    rows = [(f"  {scene.label}", scene.role or ROLE_NOT_STATED, *found, scene.note) for scene, *found in here]
+    _print_table(rows)
     absent = [presence.scene for presence in presences if presence.state == "absent"]
     if absent:
         print(f"  absent: {', '.join(scene.label.partition('/')[2] for scene in absent)}")
@@ -254,11 +231,10 @@ def _describe(folder: Path, name: str) -> Listed:
 def _exif_text(views: Sequence[SceneView]) -> str:
     """A text such as "20 f-numbers, 18 focus distances"; empty where none is known."""
     records = [view.exif for view in views if view.exif is not None]
-    counts = {
-        "f-number": sum(record.f_number is not None for record in records),
-        "focus distance": sum(record.focus_distance is not None for record in records),
-    }
-    return ", ".join(f"{count} {what}{'s' * (count != 1)}" for what, count in counts.items() if count)
+    f_numbers = sum(record.f_number is not None for record in records)
+    distances = sum(record.focus_distance is not None for record in records)
+    counts = ((f_numbers, "f-number"), (distances, "focus distance"))
+    return ", ".join(f"{count} {what}{'s' * (count != 1)}" for count, what in counts if count)
 
 
 def _count(views: Iterable[SceneView], split: str) -> int:

@@ -14,7 +14,7 @@ from dofbench.scenes.depth.align import ENOUGH, fit
 COUNT = 120
 
 
-def made(meaning: str, scale: float, shift: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def made(meaning, scale, shift, seed=0):
     """(output, disparity) of points whose disparity is an exact function of the output."""
     disparity = np.random.default_rng(seed).uniform(0.2, 1.0, COUNT)
     return ((disparity if meaning == "disparity" else 1 / disparity) - shift) / scale, disparity

@@ -14,16 +14,16 @@ from dofbench.scenes.depth.sightings import Sightings
 HEIGHT, WIDTH = 48, 64
 
 
-def sightings(xy: np.ndarray, disparity: np.ndarray, weight: np.ndarray | None = None) -> Sightings:
+def sightings(xy, disparity, weight=None):
     weight = np.ones(len(disparity)) if weight is None else weight
     return Sightings(np.asarray(xy, float), np.asarray(disparity, float), weight, 0)
 
 
-def scattered(count: int, seed: int = 0) -> np.ndarray:
+def scattered(count, seed=0):
     return np.random.default_rng(seed).uniform((0.5, 0.5), (WIDTH - 0.5, HEIGHT - 0.5), (count, 2))
 
 
-def halves() -> np.ndarray:
+def halves():
     """A dark half and a bright one."""
     image = np.full((HEIGHT, WIDTH, 3), 0.2, np.float32)
     image[:, WIDTH // 2 :] = 0.8

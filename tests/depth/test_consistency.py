@@ -9,8 +9,6 @@ import pytest
 from made_up import cloud, frontal
 from tolerances import CONSISTENCY_BIAS, FLOAT32_SCALAR, FLOAT64_VALUE
 
-from dofbench.core.cameras import Camera
-from dofbench.core.contracts import PointCloud
 from dofbench.core.lens import DisparityRange
 from dofbench.scenes.depth.multi_view import Consistency, consistencies, neighbours, views_off
 
@@ -18,20 +16,20 @@ WIDTH, HEIGHT, NEAR, FAR = 120, 90, 2.0, 6.0
 RANGE = DisparityRange(1 / FAR, 1 / NEAR)
 
 
-def camera(x: float) -> Camera:
+def camera(x):
     return frontal(WIDTH, HEIGHT, 100.0, (x, 0.0, 0.0))
 
 
 CAMERAS = [camera(0.15 * index) for index in range(6)]
 
 
-def planes(x: float) -> np.ndarray:
+def planes(x):
     """z (H, W) from a camera at x: a near strip, world x from 0 to 0.8, in front of a far plane."""
     at_near = (np.arange(WIDTH) + 0.5 - WIDTH / 2) / 100 * NEAR + x
     return np.tile(np.where((at_near > 0) & (at_near < 0.8), NEAR, FAR), (HEIGHT, 1)).astype(np.float32)
 
 
-def found(maps: list[np.ndarray], points: PointCloud | None = None) -> list[Consistency | None]:
+def found(maps, points=None):
     names = [f"v{index}" for index in range(len(maps))]
     return consistencies(names, CAMERAS[: len(maps)], lambda index: maps[index], points, RANGE)
 
@@ -104,7 +102,7 @@ def test_neighbours_share_points_or_stand_near():
     assert neighbours(CAMERAS[:1], None) == [[]]
 
 
-def of(*differences: float, consistent: tuple[float, ...] = ()) -> list[Consistency | None]:
+def of(*differences, consistent=()):
     """A consistency for each difference; half of the pixels agree unless `consistent` is given."""
     shares = consistent or (0.5,) * len(differences)
     return [Consistency((), 1.0, share, value, value, value) for value, share in zip(differences, shares, strict=True)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,12 +10,7 @@ from made_up import cloud, frontal, scene_of
 from onnx_networks import mean_of_channels, write_network
 from scipy.spatial import cKDTree
 from scipy.stats import spearmanr
-from tolerances import (
-    BY_CHANCE,
-    COMPLETED_SCALE,
-    FLOAT32_SCALAR,
-    NETWORK_DISPARITY,
-)
+from tolerances import BY_CHANCE, COMPLETED_SCALE, FLOAT32_SCALAR, NETWORK_DISPARITY
 
 from dofbench.core.content import content_folder
 from dofbench.core.contracts import PointCloud
@@ -24,19 +18,18 @@ from dofbench.core.errors import InputError
 from dofbench.datasets.synthesis.depth_sources import open_source
 from dofbench.scenes import load_scene
 from dofbench.scenes.depth.sightings import scene_sightings
-from dofbench.scenes.scene import Scene
 
 WIDTH, HEIGHT = 64, 48
 NEAR, FAR = 1.0, 4.0
 CAMERAS = [frontal(WIDTH, HEIGHT, 60.0)] * 3
 
 
-def ramp() -> np.ndarray:
+def ramp():
     """z (H, W) of a surface whose disparity rises from left to right."""
     return np.tile(1 / np.linspace(1 / FAR, 1 / NEAR, WIDTH), (HEIGHT, 1))
 
 
-def points(count: int, seen_by: tuple[int, ...] | None, seed: int = 0) -> PointCloud:
+def points(count, seen_by, seed=0):
     """Points on the ramp, seen by some views."""
     x, y = np.random.default_rng(seed).uniform((1, 1), (WIDTH - 1, HEIGHT - 1), (count, 2)).T
     z = 1 / np.interp(x, np.arange(WIDTH) + 0.5, np.linspace(1 / FAR, 1 / NEAR, WIDTH))
@@ -45,14 +38,14 @@ def points(count: int, seen_by: tuple[int, ...] | None, seed: int = 0) -> PointC
     return cloud(xyz, tracks, error=0.5)
 
 
-def scene(points: PointCloud | None, image: np.ndarray | None = None) -> Scene:
+def scene(points, image=None):
     """Three views of the ramp, whose brightness is a scale and shift of its disparity by default."""
     bright = 0.1 + 0.6 / ramp()
     picture = np.repeat(bright[..., None], 3, axis=2).astype(np.float32) if image is None else image
     return scene_of(CAMERAS, image=picture, points=points, name="ramp")
 
 
-def opened(kind, there: Scene, tmp_path: Path, network: Path | None = None):
+def opened(kind, there, tmp_path, network=None):
     return open_source(kind, there, steps=1, seed=0, work=tmp_path, network=network)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,12 +18,12 @@ DEPTH = (1 + np.arange(12, dtype=np.float32).reshape(3, 4)) / 4
 SCENE = scene_of([frontal(4, 3, 4.0)], suffix=".JPG")
 
 
-def write_colmap(path: Path, depth: np.ndarray) -> None:
+def write_colmap(path, depth):
     height, width = depth.shape
     path.write_bytes(f"{width}&{height}&1&".encode() + depth.astype("<f4").tobytes())
 
 
-def write_png(path: Path, depth: np.ndarray) -> None:
+def write_png(path, depth):
     import cv2
 
     cv2.imwrite(str(path), np.rint(depth * 4).astype(np.uint16))
@@ -58,11 +57,7 @@ def test_infinity_and_zero_are_unknown(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("files", "word"),
-    [
-        ({}, "no map for view v0"),
-        ({"v0.npy": b"1", "v0.exr": b"1"}, "v0.exr and v0.npy for view v0"),
-    ],
+    ("files", "word"), [({}, "no map for view v0"), ({"v0.npy": b"1", "v0.exr": b"1"}, "v0.exr and v0.npy for view v0")]
 )
 def test_one_map_a_view(tmp_path, files, word):
     for name, content in files.items():

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from made_up import frontal, scene_of
 
-from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
 from dofbench.datasets.synthesis.depth_sources import open_source, source_for
-from dofbench.scenes.scene import Scene
 from dofbench.training import gaussians
 from dofbench.training.gaussians.scene_fit import Surface
 
 
-def scene(*maps: np.ndarray | None) -> Scene:
+def scene(*maps):
     """A scene with one view per depth map; None is a view without one."""
     return scene_of([frontal(4, 3, 4.0)] * len(maps), maps)
 
@@ -43,12 +39,7 @@ def test_given_depth_is_passed_on(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "wrong, word",
-    [
-        (np.ones((4, 3), np.float32), "shape"),
-        (-PLANE, "negative"),
-        (PLANE * np.nan, "NaN"),
-    ],
+    "wrong, word", [(np.ones((4, 3), np.float32), "shape"), (-PLANE, "negative"), (PLANE * np.nan, "NaN")]
 )
 def test_given_depth_that_can_be_none(tmp_path, wrong, word):
     there = scene(wrong)
@@ -59,22 +50,22 @@ def test_given_depth_that_can_be_none(tmp_path, wrong, word):
 class FakeReconstruction:
     """A plane at the depth that the file says."""
 
-    def __init__(self, z: float):
+    def __init__(self, z):
         self.z = z
 
-    def surface(self, camera: Camera) -> Surface:
+    def surface(self, camera):
         size = (camera.height, camera.width)
         return Surface(np.full(size, self.z, np.float32), np.full(size, 0.75, np.float32), np.zeros(size))
 
     def settings(self):
         return {"made": "up"}
 
-    def save(self, path: Path):
+    def save(self, path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(str(self.z))
 
     @staticmethod
-    def load(path: Path, *, steps: int) -> FakeReconstruction:
+    def load(path, *, steps):
         return FakeReconstruction(float(path.read_text()))
 
 

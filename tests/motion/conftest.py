@@ -3,38 +3,36 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
 from dofbench.core.content import content_folder
 from dofbench.core.progress import Silent
-from dofbench.scenes import Scene, load_scene
+from dofbench.scenes import load_scene
 from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
-from dofbench.scenes.reconstruction.reconstructing import Outcome, run
+from dofbench.scenes.reconstruction.reconstructing import run
 
 NAMES = tuple(f"view_{index:03d}" for index in range(6, 12))
 
 
-def _reconstruct(source: Path, out: Path, **options) -> Outcome:
+def _reconstruct(source, out, **options):
     return run(Reconstruct(source, out, **options), Silent(), say=lambda line: None)
 
 
 @pytest.fixture(scope="session")
-def reconstruct() -> Callable[..., Outcome]:
+def reconstruct():
     """`reconstruct(source, out, **options)` without output."""
     return _reconstruct
 
 
 @pytest.fixture(scope="session")
-def true_scene() -> Scene:
+def true_scene():
     """The built-in scene with its exact cameras."""
     return load_scene(content_folder("datasets") / "tabletop")
 
 
 @pytest.fixture(scope="session")
-def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def photographs(tmp_path_factory):
     """A folder of six photographs with a table of EXIF. Nobody writes to it."""
     folder = tmp_path_factory.mktemp("photographs") / "table"
     folder.mkdir()
@@ -45,7 +43,7 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def made(photographs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(photographs, tmp_path_factory):
     """The scene made of `photographs`. Nobody writes to it."""
     out = tmp_path_factory.mktemp("scenes") / "table"
     assert _reconstruct(photographs, out).folder == out

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from dofbench.core.errors import InputError
@@ -12,12 +10,12 @@ from dofbench.scenes.reconstruction.kept_steps import RECORD, Work
 
 
 @pytest.fixture
-def work(tmp_path: Path) -> Work:
+def work(tmp_path):
     (tmp_path / "out").mkdir()
     return Work(tmp_path / "out")
 
 
-def test_a_work_folder_of_another_program_stays(work: Work) -> None:
+def test_a_work_folder_of_another_program_stays(work):
     work.folder.mkdir()
     (work.folder / "thesis.tex").write_text("precious")
     with pytest.raises(InputError, match="a folder that reconstruct didn't make"):
@@ -25,7 +23,7 @@ def test_a_work_folder_of_another_program_stays(work: Work) -> None:
     assert (work.folder / "thesis.tex").read_text() == "precious"
 
 
-def test_a_finished_reconstruction_leaves_a_work_folder_of_the_users(work: Work) -> None:
+def test_a_finished_reconstruction_leaves_a_work_folder_of_the_users(work):
     write_json(work.root / RECORD, {"identity": "a"})
     work.folder.mkdir()
     (work.folder / "thesis.tex").write_text("precious")
@@ -33,7 +31,7 @@ def test_a_finished_reconstruction_leaves_a_work_folder_of_the_users(work: Work)
     assert (work.folder / "thesis.tex").read_text() == "precious"
 
 
-def test_images_that_the_user_put_there_meanwhile_are_no_leftover(work: Work) -> None:
+def test_images_that_the_user_put_there_meanwhile_are_no_leftover(work):
     assert work.begin("a") == "open"
     (work.root / "images").mkdir()
     (work.root / "images" / "mine.png").write_text("precious")
@@ -42,7 +40,7 @@ def test_images_that_the_user_put_there_meanwhile_are_no_leftover(work: Work) ->
     assert (work.root / "images" / "mine.png").read_text() == "precious"
 
 
-def test_cut_off_while_the_result_was_moved(work: Work, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cut_off_while_the_result_was_moved(work, monkeypatch):
     work.begin("a")
     for name in ("images/v0.png", "images/v1.png", "sparse/0/images.bin", RECORD):
         (work.scene / name).parent.mkdir(parents=True, exist_ok=True)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -17,20 +15,20 @@ from dofbench.scenes.reconstruction.photograph_list import MASKS, find_photograp
 WIDTH, HEIGHT, COUNT = 96, 72, 3
 
 
-def texture(seed: int) -> np.ndarray:
+def texture(seed):
     """Smooth noise, which has features everywhere."""
     noise = gaussian_filter(np.random.default_rng(seed).uniform(size=(HEIGHT, WIDTH, 3)), (1.5, 1.5, 0))
     return ((noise - noise.min()) / np.ptp(noise)).astype(np.float32)
 
 
-def mask() -> np.ndarray:
+def mask():
     """The left half is masked."""
     valid = np.ones((HEIGHT, WIDTH), bool)
     valid[:, : WIDTH // 2] = False
     return valid
 
 
-def grey(path: Path) -> None:
+def grey(path):
     """A map of one channel, of another size than the photographs."""
     write_grey_png(path, np.full((18, 24), 0.5, np.float32))
 
@@ -45,7 +43,7 @@ def grey(path: Path) -> None:
         ("{}.png", ["{}_mask.png", "{}.depth.png"]),
     ],
 )
-def test_maps_next_to_photographs_are_none(tmp_path: Path, photographs: str, others: list[str]) -> None:
+def test_maps_next_to_photographs_are_none(tmp_path, photographs, others):
     for index in range(COUNT):
         write_png(tmp_path / photographs.format(f"a{index}"), texture(index))
         for place in others:
@@ -57,14 +55,14 @@ def test_maps_next_to_photographs_are_none(tmp_path: Path, photographs: str, oth
     assert all((one.mask is not None) == any("masks/" in place for place in others) for one in found.photographs)
 
 
-def test_a_folder_of_photographs_may_have_the_name_of_a_kind_of_map(tmp_path: Path) -> None:
+def test_a_folder_of_photographs_may_have_the_name_of_a_kind_of_map(tmp_path):
     for index in range(COUNT):
         write_png(tmp_path / "depth" / f"a{index}.png", texture(index))
     assert len(find_photographs(tmp_path, None).photographs) == COUNT
 
 
 @pytest.mark.parametrize("kind", ["masks", "alpha"])
-def test_no_feature_is_taken_from_under_a_mask(tmp_path: Path, kind: str) -> None:
+def test_no_feature_is_taken_from_under_a_mask(tmp_path, kind):
     from PIL import Image
 
     source, work = tmp_path / "source", tmp_path / "work"
@@ -90,7 +88,7 @@ def test_no_feature_is_taken_from_under_a_mask(tmp_path: Path, kind: str) -> Non
         assert len(keypoints) > 5 and (keypoints[:, 0] >= WIDTH // 2).all()
 
 
-def test_a_mask_of_another_shape_and_one_without_a_pixel_are_refused(tmp_path: Path) -> None:
+def test_a_mask_of_another_shape_and_one_without_a_pixel_are_refused(tmp_path):
     for index in range(COUNT):
         write_png(tmp_path / f"a{index}.png", texture(index))
         write_mask(tmp_path / "masks" / f"a{index}.png", np.ones((HEIGHT, WIDTH - 20), bool))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import OpenImageIO as oiio
@@ -23,7 +21,7 @@ from dofbench.scenes.reconstruction.video import check_colours, sharpest_frames
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_photographs_stand_upright(tmp_path: Path, orientation: int) -> None:
+def test_photographs_stand_upright(tmp_path, orientation):
     """As OpenCV turns them, whose reader knows EXIF by itself."""
     pixels = np.zeros((48, 64, 3), np.uint8)
     pixels[:24, :32], pixels[24:, 32:] = (255, 0, 0), (0, 255, 0)
@@ -40,14 +38,14 @@ def test_photographs_stand_upright(tmp_path: Path, orientation: int) -> None:
 
 
 @given(arrays.arrays(np.float32, (3, 4, 1), elements=st.floats(0, 1, width=32)))
-def test_four_quarter_turns_are_none(image: np.ndarray) -> None:
+def test_four_quarter_turns_are_none(image):
     once = turned(image, 6)
     assert once.shape[:2] == (4, 3) and once[0, -1] == image[0, 0]  # a quarter to the right
     np.testing.assert_array_equal(turned(turned(turned(once, 6), 6), 6), image)
     np.testing.assert_array_equal(turned(once, 8), image)
 
 
-def test_large_photographs_are_shrunk_and_small_ones_left(tmp_path: Path) -> None:
+def test_large_photographs_are_shrunk_and_small_ones_left(tmp_path):
     generator = np.random.default_rng(0)
     images = {"large": generator.random((90, 120, 3)), "small": generator.random((30, 40, 3))}
     found = prepare(
@@ -62,7 +60,7 @@ def test_large_photographs_are_shrunk_and_small_ones_left(tmp_path: Path) -> Non
     assert [(one.width, one.height) for one in found] == [(80, 60), (40, 30)]
 
 
-def write_video(path: Path, frames: list[np.ndarray]) -> Path:
+def write_video(path, frames):
     codec = "mp4v" if path.suffix == ".mp4" else "MJPG"
     height, width = frames[0].shape[:2]
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), 10, (width, height))
@@ -74,7 +72,7 @@ def write_video(path: Path, frames: list[np.ndarray]) -> Path:
 
 
 @pytest.fixture(scope="module")
-def frames() -> list[np.ndarray]:
+def frames():
     """Twelve frames in four windows; the sharp ones are 1, 3, 8 and 10."""
     generator = np.random.default_rng(0)
     sharp = cv2.resize(
@@ -85,7 +83,7 @@ def frames() -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("suffix", ["mp4", "avi"])
-def test_of_every_window_the_sharpest_frame_is_taken(tmp_path: Path, frames: list, suffix: str) -> None:
+def test_of_every_window_the_sharpest_frame_is_taken(tmp_path, frames, suffix):
     video, told = write_video(tmp_path / f"a.{suffix}", frames), []
     found = sharpest_frames(video, tmp_path / "frames", 4, told.append)
     assert [one.name for one in found] == ["frame_000001", "frame_000003", "frame_000008", "frame_000010"]
@@ -93,7 +91,7 @@ def test_of_every_window_the_sharpest_frame_is_taken(tmp_path: Path, frames: lis
     assert found[0].read().shape == (96, 128, 3)
 
 
-def test_a_video_cut_short_or_broken(tmp_path: Path, frames: list, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_video_cut_short_or_broken(tmp_path, frames, capsys):
     broken = tmp_path / "broken.mp4"
     broken.write_bytes(b"\0" * 5000)
     assert app.main(["reconstruct", str(broken), "--out", str(tmp_path / "out")]) == 2
@@ -103,7 +101,7 @@ def test_a_video_cut_short_or_broken(tmp_path: Path, frames: list, capsys: pytes
         sharpest_frames(video, tmp_path / "frames", 4, lambda done: None)
 
 
-def test_the_35_mm_equivalent_is_of_the_diagonal() -> None:
+def test_the_35_mm_equivalent_is_of_the_diagonal():
     # 36 x 24 mm itself: the focal length in pixels is to the width as the mm to 36.
     focal, _ = focal_length(Exif(focal_length_35mm=50.0), 3600, 2400, None)
     assert focal == pytest.approx(5000)
@@ -112,11 +110,11 @@ def test_the_35_mm_equivalent_is_of_the_diagonal() -> None:
     assert focal == pytest.approx(55 / 36 * 1060) and "--sensor-width" in told
 
 
-def photograph(name: str, width: int = 40, exif: Exif | None = None) -> Prepared:
+def photograph(name, width=40, exif=None):
     return Prepared(name, f"{name}.png", width, 30, 1.0, exif)
 
 
-def test_which_photographs_share_a_camera() -> None:
+def test_which_photographs_share_a_camera():
     wide, tele = Exif(focal_length=24.0), Exif(focal_length=70.0)
     all_of_them = [
         photograph("a", exif=wide),
@@ -125,7 +123,7 @@ def test_which_photographs_share_a_camera() -> None:
         photograph("d", 50),
     ]
 
-    def names(cameras: str) -> list[tuple[str, ...]]:
+    def names(cameras):
         return [group.names for group in group_by_camera(all_of_them, cameras, None)]
 
     assert names("auto") == [("a", "c"), ("b",), ("d",)]
@@ -134,13 +132,13 @@ def test_which_photographs_share_a_camera() -> None:
 
 
 @given(st.integers(3, 200))
-def test_pairs_in_order_reach_every_photograph(count: int) -> None:
+def test_pairs_in_order_reach_every_photograph(count):
     pairs = sequential(count)
     assert set(pairs) <= set(exhaustive(count)) and len(set(pairs)) == len(pairs)
     assert {(index, index + 1) for index in range(count - 1)} <= set(pairs)
 
 
-def test_which_way_is_automatic() -> None:
+def test_which_way_is_automatic():
     assert [choose("auto", 80, False), choose("auto", 81, False), choose("auto", 200, True)] == [
         "exhaustive",
         "retrieval",
@@ -149,7 +147,7 @@ def test_which_way_is_automatic() -> None:
     assert choose("retrieval", 5, True) == "retrieval"
 
 
-def test_look_alikes_are_found_by_their_own_vocabulary() -> None:
+def test_look_alikes_are_found_by_their_own_vocabulary():
     """Three places, five photographs of each that share most of their features: partners are of the same place."""
     generator = np.random.default_rng(0)
     places = [generator.integers(0, 256, (300, 128)) for _ in range(3)]
@@ -166,14 +164,14 @@ def test_look_alikes_are_found_by_their_own_vocabulary() -> None:
     np.testing.assert_array_equal(signatures(descriptors, seed=0), vectors)
 
 
-def test_a_photograph_without_features_looks_like_no_other() -> None:
+def test_a_photograph_without_features_looks_like_no_other():
     empty = np.zeros((0, 128), np.uint8)
     assert not signatures([empty, empty], seed=0).any()
     full = np.random.default_rng(0).integers(0, 256, (50, 128)).astype(np.uint8)
     assert not signatures([full, empty, full], seed=0)[1].any()
 
 
-def with_colour_box(video: Path, codes: tuple[int, int, int]) -> None:
+def with_colour_box(video, codes):
     """Add a `colr` box to the picture's entry of an MP4 whose `moov` comes last, as the encoder's does."""
     content = bytearray(video.read_bytes())
     box = b"\0\0\0\x13colrnclx" + b"".join(code.to_bytes(2, "big") for code in codes) + b"\0"
@@ -198,9 +196,7 @@ def with_colour_box(video: Path, codes: tuple[int, int, int]) -> None:
         ((12, 1, 1), "Display P3"),
     ],
 )
-def test_a_video_says_its_colours(
-    tmp_path: Path, frames: list, capsys: pytest.CaptureFixture[str], codes: tuple[int, int, int], said: str
-) -> None:
+def test_a_video_says_its_colours(tmp_path, frames, capsys, codes, said):
     video = write_video(tmp_path / "a.mp4", frames)
     check_colours(video)
     with_colour_box(video, codes)
@@ -213,11 +209,11 @@ def test_a_video_says_its_colours(
     assert said in error and "ffmpeg" in error and error.count("\n") == 1
 
 
-def test_a_matroska_video_says_its_colours(tmp_path: Path) -> None:
-    def element(kind: bytes, content: bytes) -> bytes:
+def test_a_matroska_video_says_its_colours(tmp_path):
+    def element(kind, content):
         return kind + (0x4000 | len(content)).to_bytes(2, "big") + content
 
-    def video(primaries: int, curve: int) -> Path:
+    def video(primaries, curve):
         colour = element(b"\x55\xb0", element(b"\x55\xbb", bytes([primaries])) + element(b"\x55\xba", bytes([curve])))
         tracks = element(b"\x16\x54\xae\x6b", element(b"\xae", element(b"\xe0", element(b"\xb0", b"\x40") + colour)))
         head = element(b"\x1a\x45\xdf\xa3", element(b"\x42\x82", b"matroska"))

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 from made_up import cloud
 from tolerances import TRIANGULATED_DEPTH
 
-from dofbench.core.contracts import PointCloud
 from dofbench.core.progress import Silent
-from dofbench.scenes import Scene
 from dofbench.scenes.reconstruction import posed_points
 from dofbench.scenes.reconstruction.matching import compare, verified
 from dofbench.scenes.reconstruction.photograph_list import Photograph, Prepared, prepare
@@ -23,23 +18,21 @@ VIEWS = (6, 8, 7, 9)  # of the built-in scene, out of order on purpose
 
 
 @pytest.fixture(scope="module")
-def photographs(true_scene: Scene) -> list[Photograph]:
+def photographs(true_scene):
     """Of four views, with their exact cameras."""
     views = [true_scene.views[index] for index in VIEWS]
     return [Photograph(view.name, view.source, view.image, camera=view.camera) for view in views]
 
 
 @pytest.fixture(scope="module")
-def points(photographs: list[Photograph], tmp_path_factory: pytest.TempPathFactory) -> PointCloud:
+def points(photographs, tmp_path_factory):
     """Their points."""
     found = triangulated_points(photographs, tmp_path_factory.mktemp("points") / "work", 0, Silent())
     assert found is not None
     return found
 
 
-def test_tracks_are_of_the_photographs_in_their_order(
-    points: PointCloud, photographs: list[Photograph], true_scene: Scene
-) -> None:
+def test_tracks_are_of_the_photographs_in_their_order(points, photographs, true_scene):
     assert len(points) > 100 and all(len(track) > 1 for track in points.views)
     errors = []
     for index, photograph in enumerate(photographs):
@@ -53,14 +46,12 @@ def test_tracks_are_of_the_photographs_in_their_order(
     assert np.isfinite(points.error).all() and points.rgb.std() > 0
 
 
-def test_points_miss_no_view_by_more_than_the_width_allows(points: PointCloud) -> None:
+def test_points_miss_no_view_by_more_than_the_width_allows(points):
     """320 pixels wide: a pixel, where COLMAP would allow four. An error is the mean over a point's views."""
     assert points.error.max() <= 1.0
 
 
-def test_the_same_photographs_give_the_same_points_whatever_lay_there(
-    points: PointCloud, photographs: list[Photograph], tmp_path: Path
-) -> None:
+def test_the_same_photographs_give_the_same_points_whatever_lay_there(points, photographs, tmp_path):
     work = tmp_path / "work"
     (work / "photographs").mkdir(parents=True)
     (work / "photographs/000000.png").write_bytes(b"of another run")
@@ -70,7 +61,7 @@ def test_the_same_photographs_give_the_same_points_whatever_lay_there(
         np.testing.assert_array_equal(getattr(again, name), getattr(points, name))
 
 
-def test_a_tighter_geometry_keeps_fewer_matches(photographs: list[Photograph], tmp_path: Path) -> None:
+def test_a_tighter_geometry_keeps_fewer_matches(photographs, tmp_path):
     kept = []
     for name, error in (("usual", None), ("tight", 0.5)):
         folder = tmp_path / name
@@ -90,7 +81,7 @@ def test_a_tighter_geometry_keeps_fewer_matches(photographs: list[Photograph], t
     assert usual.keys() == {(0, 1), (0, 2), (1, 2)} and all(tight.get(pair, 0) < usual[pair] for pair in usual)
 
 
-def test_a_point_that_one_view_saw_is_none() -> None:
+def test_a_point_that_one_view_saw_is_none():
     """What lies behind a camera is taken out of its track, which may leave a single view."""
     tracks = [np.array(track) for track in ([0, 1], [2], [], [1, 2, 3])]
     kept = posed_points._agreed(cloud(np.arange(12.0).reshape(4, 3), tracks))
@@ -100,8 +91,8 @@ def test_a_point_that_one_view_saw_is_none() -> None:
 
 
 @pytest.mark.parametrize("spoil", ["too few", "plain"])
-def test_there_may_be_none(photographs: list[Photograph], tmp_path: Path, spoil: str) -> None:
-    def plain(one: Photograph) -> Photograph:
+def test_there_may_be_none(photographs, tmp_path, spoil):
+    def plain(one):
         shape = (one.camera.height, one.camera.width, 3)
         return Photograph(one.name, one.source, lambda: np.full(shape, 0.5, np.float32), camera=one.camera)
 
@@ -110,12 +101,12 @@ def test_there_may_be_none(photographs: list[Photograph], tmp_path: Path, spoil:
 
 
 @pytest.mark.parametrize(("width", "error"), [(100, 1.0), (400, 1.0), (800, 2.0), (1600, 4.0), (6000, 4.0)])
-def test_the_error_grows_with_the_width_up_to_colmaps_own(prepared: Callable, width: int, error: float) -> None:
+def test_the_error_grows_with_the_width_up_to_colmaps_own(prepared, width, error):
     assert posed_points._error([prepared(width, width // 2)]) == error
     assert posed_points._error([prepared(width // 2, width)]) == error
 
 
 @pytest.fixture
-def prepared() -> Callable:
+def prepared():
     """A photograph of this size."""
     return lambda width, height: Prepared("one", "000000.png", width, height, 1.0, None)

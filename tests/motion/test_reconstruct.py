@@ -7,8 +7,6 @@ import json
 import shutil
 import signal
 import time
-from collections.abc import Callable
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -25,19 +23,19 @@ from tolerances import (
 )
 
 from dofbench.cli import app
-from dofbench.core.cameras import NO_OFFSET, Offset
+from dofbench.core.cameras import NO_OFFSET
 from dofbench.core.content import content_folder
 from dofbench.core.image_files.exif import Exif
 from dofbench.core.images import read_image, write_exr, write_png
 from dofbench.core.progress import Silent
-from dofbench.scenes import Scene, export, load_scene
+from dofbench.scenes import export, load_scene
 from dofbench.scenes.reconstruction.kept_steps import wait
 from dofbench.scenes.reconstruction.photograph_source import find_source
 from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
 from dofbench.scenes.reconstruction.reconstructing import run
 
 
-def result_files(folder: Path) -> dict[str, bytes]:
+def result_files(folder):
     """All of a scene but reconstruct.json, which holds how long things took."""
     return {
         path.relative_to(folder).as_posix(): path.read_bytes()
@@ -46,14 +44,14 @@ def result_files(folder: Path) -> dict[str, bytes]:
     }
 
 
-def relative(scene: Scene, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
+def relative(scene, names):
     """Rotations and distances from each view to the next: what no choice of frame or unit changes, but for a factor."""
     poses = [next(view.camera.world_to_camera for view in scene.views if view.name == name) for name in names]
     steps = [second @ np.linalg.inv(first) for first, second in itertools.pairwise(poses)]
     return np.stack([step[:3, :3] for step in steps]), np.array([np.linalg.norm(step[:3, 3]) for step in steps])
 
 
-def test_the_scene_is_the_one_that_was_photographed(made: Path, true_scene: Scene) -> None:
+def test_the_scene_is_the_one_that_was_photographed(made, true_scene):
     scene = load_scene(made)
     names = [view.name for view in scene.views]
     assert scene.layout == "colmap" and names == [f"view_{index:03d}" for index in range(6, 12)]
@@ -69,7 +67,7 @@ def test_the_scene_is_the_one_that_was_photographed(made: Path, true_scene: Scen
     assert all(view.exif == Exif(f_number=2.8, focal_length=50.0) for view in scene.views)
 
 
-def test_the_record_says_what_was_done(made: Path) -> None:
+def test_the_record_says_what_was_done(made):
     content = json.loads((made / "reconstruct.json").read_text())
     assert content["matching"] == {"mode": "exhaustive", "pairs": 15, "verified_pairs": 15}
     assert [view["registered"] for view in content["views"]] == [True] * 6
@@ -82,9 +80,7 @@ def test_the_record_says_what_was_done(made: Path) -> None:
     assert not (made / ".work").exists()
 
 
-def test_a_finished_scene_is_left_as_it_is(
-    made: Path, photographs: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_a_finished_scene_is_left_as_it_is(made, photographs, capsys, tmp_path):
     before = {path: path.stat().st_mtime_ns for path in made.rglob("*")}
     assert app.main(["reconstruct", str(photographs), "--out", str(made)]) == 0
     assert "up to date: 6 of 6 photographs have poses" in capsys.readouterr().out
@@ -93,7 +89,7 @@ def test_a_finished_scene_is_left_as_it_is(
     assert "found another reconstruction" in capsys.readouterr().err
 
 
-def test_killed_it_goes_on_and_gives_the_same_bytes(made: Path, photographs: Path, tmp_path: Path) -> None:
+def test_killed_it_goes_on_and_gives_the_same_bytes(made, photographs, tmp_path):
     out = tmp_path / "again"
     command = dofbench("reconstruct", photographs, "--out", out)
     # Another number of threads, too.
@@ -106,7 +102,7 @@ def test_killed_it_goes_on_and_gives_the_same_bytes(made: Path, photographs: Pat
     assert result_files(out) == result_files(made)
 
 
-def bare(root: Path, layout: str, offset: Offset = NO_OFFSET) -> Path:
+def bare(root, layout, offset=NO_OFFSET):
     """The built-in scene's photographs and exact poses, moved by an offset, without its points and depth."""
     scene = load_scene(content_folder("datasets") / "tabletop")
     views = scene.views[6:10]
@@ -127,9 +123,7 @@ def bare(root: Path, layout: str, offset: Offset = NO_OFFSET) -> Path:
 
 
 @pytest.mark.parametrize("layout", ["llff", "nerfstudio", "colmap"])
-def test_poses_without_points_are_kept_and_points_found(
-    tmp_path: Path, true_scene: Scene, layout: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_poses_without_points_are_kept_and_points_found(tmp_path, true_scene, layout, capsys):
     source = bare(tmp_path / "bare", layout)
     if layout == "llff":
         # The error of make-dataset says what to do.
@@ -154,7 +148,7 @@ def test_poses_without_points_are_kept_and_points_found(
 
 
 @pytest.mark.parametrize("layout", ["nerfstudio", "colmap"])
-def test_known_poses_far_from_the_origin_stay_where_they_are(tmp_path: Path, layout: str) -> None:
+def test_known_poses_far_from_the_origin_stay_where_they_are(tmp_path, layout):
     offset = (448262.0, 5411932.0, 135.0)
     near, far = bare(tmp_path / "near", layout), bare(tmp_path / "far", layout, offset)
     for source in (near, far):
@@ -176,7 +170,7 @@ def test_known_poses_far_from_the_origin_stay_where_they_are(tmp_path: Path, lay
     assert app.main(["reconstruct", str(near), "--out", str(far.with_suffix(".out"))]) == 2
 
 
-def test_poses_may_be_ignored(tmp_path: Path) -> None:
+def test_poses_may_be_ignored(tmp_path):
     source = bare(tmp_path / "bare", "llff")
     rows = np.load(source / "poses_bounds.npy")
     np.save(source / "poses_bounds.npy", rows[:3])
@@ -198,9 +192,7 @@ def test_poses_may_be_ignored(tmp_path: Path) -> None:
         (lambda root: root.write_bytes(b"no video"), "a file that is no video"),
     ],
 )
-def test_a_wrong_source_is_one_line(
-    tmp_path: Path, make: Callable, said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_source_is_one_line(tmp_path, make, said, capsys):
     make(tmp_path / "in")
     assert app.main(["reconstruct", str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 2
     lines = [line for line in capsys.readouterr().err.splitlines() if "dofbench:" in line]
@@ -208,7 +200,7 @@ def test_a_wrong_source_is_one_line(
 
 
 @pytest.mark.parametrize("out", ["in/scene", "file", "file/below"])
-def test_a_wrong_place_is_one_line(tmp_path: Path, out: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_place_is_one_line(tmp_path, out, capsys):
     for name in "abc":
         write_png(tmp_path / "in" / f"{name}.png", np.full((64, 64, 3), 0.5))
     (tmp_path / "file").touch()
@@ -216,7 +208,7 @@ def test_a_wrong_place_is_one_line(tmp_path: Path, out: str, capsys: pytest.Capt
     assert capsys.readouterr().err.startswith("dofbench:")
 
 
-def test_what_does_not_hang_together_is_no_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_does_not_hang_together_is_no_scene(tmp_path, capsys):
     """Three photographs of different things and one without features: for each the reason and advice are printed."""
     generator = np.random.default_rng(0)
     for name in "abc":
@@ -230,9 +222,7 @@ def test_what_does_not_hang_together_is_no_scene(tmp_path: Path, capsys: pytest.
     assert not (tmp_path / "out/reconstruct.json").exists()
 
 
-def test_one_that_does_not_belong_is_left_out_and_named(
-    photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_that_does_not_belong_is_left_out_and_named(photographs, tmp_path, capsys):
     source = shutil.copytree(photographs, tmp_path / "in")
     for name in ("view_010", "view_011"):
         (source / f"{name}.png").unlink()
@@ -243,22 +233,20 @@ def test_one_that_does_not_belong_is_left_out_and_named(
     assert [view.name for view in load_scene(tmp_path / "out").views] == [f"view_00{n}" for n in range(6, 10)]
 
 
-def test_make_dataset_names_the_command_for_photographs_without_poses(
-    photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_make_dataset_names_the_command_for_photographs_without_poses(photographs, tmp_path, capsys):
     assert app.main(["make-dataset", str(photographs), "--out", str(tmp_path / "never")]) == 2
     error = capsys.readouterr().err
     assert "6 photographs without poses" in error and f"dofbench reconstruct {photographs} --out SCENE" in error
 
 
-def test_all_at_once_gives_poses_too(photographs: Path, tmp_path: Path, reconstruct: Callable) -> None:
+def test_all_at_once_gives_poses_too(photographs, tmp_path, reconstruct):
     outcome = reconstruct(photographs, tmp_path / "out", mapping="global", matching="retrieval")
     assert outcome.folder is not None
     content = json.loads((tmp_path / "out/reconstruct.json").read_text())
     assert content["mapping"]["how"] == "global" and sum(view["registered"] for view in content["views"]) == 6
 
 
-def test_a_video_becomes_a_scene(photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_video_becomes_a_scene(photographs, tmp_path, capsys):
     """Of each of five windows of three frames the sharp one is in the middle."""
     writer = cv2.VideoWriter(str(tmp_path / "walk.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10, (320, 240))
     for file in sorted(photographs.glob("*.png"))[:5]:
@@ -275,7 +263,7 @@ def test_a_video_becomes_a_scene(photographs: Path, tmp_path: Path, capsys: pyte
     assert content["source"]["kind"] == "video" and content["matching"]["mode"] == "sequential"
 
 
-def test_waiting_raises_what_the_call_raised_and_looks_meanwhile() -> None:
+def test_waiting_raises_what_the_call_raised_and_looks_meanwhile():
     looks: list[int] = []
     assert wait(lambda: time.sleep(0.3) or 5, lambda: looks.append(1)) == 5
     assert looks
@@ -283,7 +271,7 @@ def test_waiting_raises_what_the_call_raised_and_looks_meanwhile() -> None:
         wait(lambda: 1 / 0)
 
 
-def test_photographs_of_light_become_a_scene_of_light(photographs: Path, tmp_path: Path) -> None:
+def test_photographs_of_light_become_a_scene_of_light(photographs, tmp_path):
     source = tmp_path / "light"
     for file in photographs.glob("*.png"):
         light = read_image(file) ** 2.2

@@ -6,7 +6,7 @@ import pytest
 
 
 @pytest.fixture(scope="session")
-def variant() -> str:
+def variant():
     """The variant chosen for this session; skips without mitsuba."""
     pytest.importorskip("mitsuba", reason="mitsuba is not installed (extra: render)")
     from dofbench.scenes.procedural.variant import choose_variant

@@ -24,27 +24,27 @@ from dofbench.scenes.depth.disparity import scene_range
 SMALL = "--views 3 --width 40 --height 30 --samples 8 --lens-views 1 --lens-samples 8 --focus 0.2,0.8 --aperture 1"
 
 
-def call(out: Path, *more: str, recipe: str = "corridor") -> int:
+def call(out, *more, recipe="corridor"):
     """Exit status of make-scene with small images, `more` in place of those options."""
     words = iter(SMALL.split())
     small = [word for option in words for word in (option, next(words)) if option not in more]
     return app.main(["make-scene", recipe, "--out", str(out), *small, *more])
 
 
-def record(folder: Path) -> dict:
+def record(folder):
     """scene.json."""
     return json.loads((folder / "scene.json").read_text())
 
 
 @pytest.fixture(scope="module")
-def made(variant: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(variant, tmp_path_factory):
     """A finished scene. Nobody writes to it."""
     out = tmp_path_factory.mktemp("scenes") / "corridor"
     assert call(out) == 0
     return out
 
 
-def test_the_folder_holds_what_it_says(made: Path) -> None:
+def test_the_folder_holds_what_it_says(made):
     entries = record(made)
     names = [f"view_{index:03d}" for index in range(3)]
     expected = {"scene.json", "transforms.json"}
@@ -64,7 +64,7 @@ def test_the_folder_holds_what_it_says(made: Path) -> None:
     assert "dofbench make-scene corridor --views 3" in (made / "README.md").read_text()
 
 
-def test_the_scene_is_read_with_its_exact_depth(made: Path) -> None:
+def test_the_scene_is_read_with_its_exact_depth(made):
     scene = load_scene(made)
     assert [view.name for view in scene.views] == ["view_000", "view_001", "view_002"]
     for view in scene.views:
@@ -74,7 +74,7 @@ def test_the_scene_is_read_with_its_exact_depth(made: Path) -> None:
         assert np.abs(encode(np.clip(linear, 0, 1)) - view.image()).max() <= 0.5 * LEVEL_8BIT + FLOAT16_VALUE
 
 
-def test_lenses_are_stated_in_both_units(made: Path) -> None:
+def test_lenses_are_stated_in_both_units(made):
     entries = record(made)
     found = scene_range(lambda: (read_exr(path) for path in sorted((made / "depth").iterdir())))
     assert entries["disparity_range"] == pytest.approx([found.q_min, found.q_max], rel=FLOAT64_VALUE)
@@ -85,13 +85,13 @@ def test_lenses_are_stated_in_both_units(made: Path) -> None:
         assert read_exr(made / entry["image"]).shape == (30, 40, 3)
 
 
-def test_a_complete_scene_is_left_alone(made: Path) -> None:
+def test_a_complete_scene_is_left_alone(made):
     before = {path: path.stat().st_mtime_ns for path in made.rglob("*")}
     assert call(made) == 0
     assert {path: path.stat().st_mtime_ns for path in made.rglob("*")} == before
 
 
-def test_a_folder_goes_on_where_it_stopped(made: Path, tmp_path: Path) -> None:
+def test_a_folder_goes_on_where_it_stopped(made, tmp_path):
     """Two files and the sums lost: made again, byte for byte, and a new lens joins the others."""
     import shutil
 
@@ -106,7 +106,7 @@ def test_a_folder_goes_on_where_it_stopped(made: Path, tmp_path: Path) -> None:
     assert sha256_file(copy / "lens/view_000_a1_f0.2.exr") == sha256_file(made / "lens/view_000_a1_f0.2.exr")
 
 
-def test_depth_bits_round_to_nearest(made: Path, variant: str, tmp_path: Path) -> None:
+def test_depth_bits_round_to_nearest(made, variant, tmp_path):
     assert call(tmp_path / "coarse", "--depth-bits", "8", "--lens-views", "0") == 0
     exact, coarse = (read_exr(folder / "depth" / "view_000.exr") for folder in (made, tmp_path / "coarse"))
     error = np.abs(coarse / exact - 1)
@@ -114,7 +114,7 @@ def test_depth_bits_round_to_nearest(made: Path, variant: str, tmp_path: Path) -
 
 
 @pytest.mark.slow
-def test_a_killed_run_goes_on(made: Path, tmp_path: Path, repository: Path) -> None:
+def test_a_killed_run_goes_on(made, tmp_path, repository):
     """SIGTERM ends with one line, SIGKILL with none; what is there at the end is the same."""
     command = dofbench("make-scene", "corridor", "--out", tmp_path / "s", *SMALL.split())
     path = {"PYTHONPATH": str(repository)}
@@ -140,14 +140,12 @@ def test_a_killed_run_goes_on(made: Path, tmp_path: Path, repository: Path) -> N
         ("fence --samples 1", "--samples"),
     ],
 )
-def test_a_wrong_option_is_one_line(arguments: str, named: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_option_is_one_line(arguments, named, capsys):
     assert app.main(["make-scene", *arguments.split()]) == 2
     assert re.fullmatch(rf"dofbench: {named}.*: found .+, expected .+\n", capsys.readouterr().err)
 
 
-def test_other_settings_and_other_files_are_refused(
-    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_other_settings_and_other_files_are_refused(made, tmp_path, capsys):
     assert call(made, "--seed", "1") == 2
     assert "made otherwise" in capsys.readouterr().err
     (tmp_path / "letter.txt").write_text("mine")
@@ -158,7 +156,7 @@ def test_other_settings_and_other_files_are_refused(
     assert "another kind of JSON" in capsys.readouterr().err
 
 
-def test_all_goes_into_a_folder_each() -> None:
+def test_all_goes_into_a_folder_each():
     parse: Callable = app.parse
     settings = parse(["make-scene", "all", "--out", "rendered"])
     assert [settings.folder(name) for name in settings.recipes][1] == Path("rendered/fence")

@@ -9,18 +9,17 @@ import numpy as np
 import pytest
 from tolerances import FLOAT64_VALUE, POSE_ROUND_TRIP
 
-from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
 from dofbench.scenes.procedural.recipes import recipe
 from dofbench.scenes.procedural.scene_options import NAMES
 from dofbench.scenes.procedural.shapes import box, ground, leaf, merged, rod, turned
-from dofbench.scenes.procedural.stage import Finish, Prop, Stage, Viewpoints, cameras
+from dofbench.scenes.procedural.stage import Finish, Viewpoints, cameras
 from dofbench.scenes.procedural.textures import directions
 
 POINTS = Viewpoints((0.0, 0.0, 1.0), (0.5, 4.0, 0.6), (0.3, 0.05, 0.2), aim=0.05, arc=90)
 
 
-def equal(one: object, other: object) -> bool:
+def equal(one, other):
     """The same plain data."""
     if is_dataclass(one) and type(one) is type(other):
         return all(equal(getattr(one, field.name), getattr(other, field.name)) for field in fields(one))
@@ -30,31 +29,31 @@ def equal(one: object, other: object) -> bool:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_recipe_has_a_title_and_viewpoints(name: str) -> None:
+def test_every_recipe_has_a_title_and_viewpoints(name):
     made = recipe(name)
     assert made.TITLE and made.VIEWPOINTS.target[1] > made.VIEWPOINTS.eye[1]
 
 
-def test_an_unknown_recipe_is_named() -> None:
+def test_an_unknown_recipe_is_named():
     with pytest.raises(InputError, match="one of attic, corridor"):
         recipe("beach")
 
 
 @pytest.mark.parametrize("name", ["corridor", pytest.param("night", marks=pytest.mark.slow)])
-def test_the_seed_fixes_a_stage(name: str) -> None:
+def test_the_seed_fixes_a_stage(name):
     made = recipe(name)
     assert equal(made.stage(3), made.stage(3))
     assert not equal(made.stage(3), made.stage(4))
 
 
 @pytest.mark.slow
-def test_the_recipes_have_what_makes_defocus_hard() -> None:
+def test_the_recipes_have_what_makes_defocus_hard():
     stages = {name: recipe(name).stage(0) for name in NAMES}
 
-    def props(name: str, finish: Finish) -> list[Prop]:
+    def props(name, finish):
         return [prop for prop in stages[name].props if prop.finish == finish]
 
-    def plain(stage: Stage) -> float:
+    def plain(stage):
         return sum(not isinstance(prop.texture, np.ndarray) for prop in stage.props) / len(stage.props)
 
     assert len(props("night", "lamp")) > 20 and max(prop.radiance for prop in props("night", "lamp")) > 30
@@ -69,7 +68,7 @@ def test_the_recipes_have_what_makes_defocus_hard() -> None:
 
 
 @pytest.mark.parametrize("kind", ["forward", "orbit"])
-def test_cameras_look_at_the_target_and_a_seed_fixes_them(kind: str) -> None:
+def test_cameras_look_at_the_target_and_a_seed_fixes_them(kind):
     made, again, other = (cameras(POINTS, kind, 9, 64, 48, seed) for seed in (1, 1, 2))  # type: ignore[arg-type]
     for one, two in zip(made, again, strict=True):
         np.testing.assert_array_equal(one.world_to_camera, two.world_to_camera)
@@ -82,8 +81,8 @@ def test_cameras_look_at_the_target_and_a_seed_fixes_them(kind: str) -> None:
         assert rotation[1, 2] < -0.9  # the picture's down is the world's down
 
 
-def test_an_orbit_keeps_its_distance_and_spans_its_arc() -> None:
-    def angle(camera: Camera) -> float:
+def test_an_orbit_keeps_its_distance_and_spans_its_arc():
+    def angle(camera):
         x, y = camera.centre[:2] - POINTS.target[:2]
         return float(np.degrees(np.arctan2(y, x)))
 
@@ -93,7 +92,7 @@ def test_an_orbit_keeps_its_distance_and_spans_its_arc() -> None:
     assert angle(made[-1]) - angle(made[0]) == pytest.approx(90 * 8 / 9)
 
 
-def test_merged_meshes_keep_their_parts() -> None:
+def test_merged_meshes_keep_their_parts():
     parts = [box(0, 0, (1, 2, 3)), rod((0, 0, 0), (0, 0, 2), 0.1), leaf((0, 0, 0), (0.2, 0, 0), (0, 0, 1), 0.1)]
     whole = merged(parts)
     start = 0
@@ -104,7 +103,7 @@ def test_merged_meshes_keep_their_parts() -> None:
     assert start == len(whole.faces) and whole.uv.shape == (len(whole.vertices), 2)
 
 
-def test_a_rod_has_its_radius_and_ground_its_height() -> None:
+def test_a_rod_has_its_radius_and_ground_its_height():
     stick = rod((1, 2, 3), (1, 2, 5), 0.25)
     np.testing.assert_allclose(np.hypot(*(stick.vertices[:, :2] - (1, 2)).T), 0.25)
     land = ground(np.linspace(-1, 1, 5), np.linspace(0, 2, 4), lambda x, y: x + 2 * y, 1.0)
@@ -113,14 +112,14 @@ def test_a_rod_has_its_radius_and_ground_its_height() -> None:
     assert (up[:, 2] > 0).all()
 
 
-def test_sky_directions_cover_the_sphere() -> None:
+def test_sky_directions_cover_the_sphere():
     way = directions(64)
     np.testing.assert_allclose(np.linalg.norm(way, axis=-1), 1, rtol=FLOAT64_VALUE)
     assert way[0, :, 2].min() > 0.99 and way[-1, :, 2].max() < -0.99
     assert way[32, 0, 0] > 0.99 and way[32, 32, 1] > 0.99
 
 
-def test_a_turned_body_has_its_profile_and_looks_outwards() -> None:
+def test_a_turned_body_has_its_profile_and_looks_outwards():
     profile = [(0.1, 0.0), (0.3, 0.2), (0.3, 0.5), (0.25, 0.5), (0.0, 0.1)]  # outside upwards, then inside downwards
     body = turned(1.0, 2.0, profile, base=0.5, sides=24)
     np.testing.assert_allclose(np.unique(body.vertices[:, 2].round(9)), [0.5, 0.6, 0.7, 1.0])

@@ -24,12 +24,12 @@ DOT_PX = 2.0
 SKY = 1e-6  # mitsuba needs a light at which it can aim rays
 
 
-def dot(x: float, z: float) -> Stage:
+def dot(x, z):
     """A shining ball, DOT_PX pixels in radius, at depth z and x to the right."""
     return Stage((Prop(Sphere((x, z, 0.0), DOT_PX * z / FOCAL), (1.0, 1.0, 1.0), "lamp", radiance=40.0),), (), SKY)
 
 
-def wall(distance: float) -> Stage:
+def wall(distance):
     """A chequered wall across the view, lit by a lamp and the sky."""
     rows, columns = np.mgrid[0:32, 0:32]
     texture = np.where((rows // 4 + columns // 4) % 2 == 0, 0.85, 0.25)[..., None].repeat(3, axis=2)
@@ -37,7 +37,7 @@ def wall(distance: float) -> Stage:
     return Stage((Prop(shape, texture),), (Lamp((-1.0, 0.0, 2.0), (0.0, distance, 0.0), 1.0, 20.0),), 0.3)
 
 
-def spread(image: np.ndarray) -> tuple[np.ndarray, float]:
+def spread(image):
     """Centre of the light, image coordinates, and the radius of the disc that has its second moment."""
     weight = image.astype(np.float64).sum(axis=2)
     x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
@@ -48,7 +48,7 @@ def spread(image: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 @pytest.mark.parametrize(("depth", "focus"), [(1.4, 3.0), (1.9, 3.0), (12.0, 3.0), (4.0, 1.5)])
-def test_circle_of_confusion_has_the_radius_of_the_formula(variant: str, depth: float, focus: float) -> None:
+def test_circle_of_confusion_has_the_radius_of_the_formula(variant, depth, focus):
     lens = PhysicalLens(aperture=24.0, focus_disparity=1 / focus, width=WIDTH)
     expected = abs(float(lens.signed_radius(1 / depth, WIDTH)))
     image = Tracer(dot(0.05 * depth, depth)).photograph(CAMERA, 512, "dot", lens).linear
@@ -58,7 +58,7 @@ def test_circle_of_confusion_has_the_radius_of_the_formula(variant: str, depth: 
     assert centre == pytest.approx([WIDTH / 2 + 0.05 * FOCAL, HEIGHT / 2], abs=LENS_CENTRE_PX)
 
 
-def test_focus_is_a_plane_and_not_a_sphere(variant: str) -> None:
+def test_focus_is_a_plane_and_not_a_sphere(variant):
     """A dot far off the axis at the focus's z is sharp; its distance from the lens is another."""
     depth = 2.0
     lens = PhysicalLens(aperture=40.0, focus_disparity=1 / depth, width=WIDTH)
@@ -67,13 +67,13 @@ def test_focus_is_a_plane_and_not_a_sphere(variant: str) -> None:
     assert radius < 0.6
 
 
-def test_a_wider_image_is_blurred_by_more_pixels(variant: str) -> None:
+def test_a_wider_image_is_blurred_by_more_pixels(variant):
     lens = PhysicalLens(aperture=11.0, focus_disparity=1 / 3, width=WIDTH // 2)
     _, radius = spread(Tracer(dot(0.0, 1.4)).photograph(CAMERA, 512, "wide", lens).linear)
     assert radius == pytest.approx(22 * (1 / 1.4 - 1 / 3), rel=LENS_RADIUS)
 
 
-def test_light_is_kept(variant: str) -> None:
+def test_light_is_kept(variant):
     """A lens spreads a dot's light and loses none."""
     tracer = Tracer(dot(0.0, 2.0))
     sharp = tracer.photograph(CAMERA, 512, "a").linear
@@ -82,7 +82,7 @@ def test_light_is_kept(variant: str) -> None:
     assert blurred.max() < 0.5 * sharp.max()
 
 
-def test_depth_is_the_planes_and_zero_at_infinity(variant: str) -> None:
+def test_depth_is_the_planes_and_zero_at_infinity(variant):
     assert Tracer(wall(3.5)).depth(CAMERA) == pytest.approx(np.full((HEIGHT, WIDTH), 3.5), rel=FLOAT32_VALUE)
     z = Tracer(dot(0.0, 2.0)).depth(CAMERA)
     assert (z == 0).mean() > 0.9
@@ -90,7 +90,7 @@ def test_depth_is_the_planes_and_zero_at_infinity(variant: str) -> None:
     assert z[HEIGHT // 2, WIDTH // 2] == pytest.approx(2 - DOT_PX * 2 / FOCAL, abs=DOT_DEPTH)
 
 
-def test_noise_is_what_is_stated(variant: str) -> None:
+def test_noise_is_what_is_stated(variant):
     tracer, lens = Tracer(wall(2.5)), PhysicalLens(30.0, 0.7, WIDTH)
     rough, fine = (tracer.photograph(CAMERA, samples, f"n{samples}", lens) for samples in (32, 2048))
     noise = float(np.sqrt(np.mean((rough.linear - fine.linear) ** 2)))
@@ -100,13 +100,13 @@ def test_noise_is_what_is_stated(variant: str) -> None:
     assert (rough.samples, fine.samples) == (32, 2048)
 
 
-def test_the_same_key_gives_the_same_image_and_another_another(variant: str) -> None:
+def test_the_same_key_gives_the_same_image_and_another_another(variant):
     tracer, lens = Tracer(wall(2.5)), PhysicalLens(30.0, 0.7, WIDTH)
     one, again, other = (tracer.photograph(CAMERA, 32, key, lens).linear for key in ("a", "a", "b"))
     assert np.array_equal(one, again) and not np.array_equal(one, other)
 
 
-def test_a_window_shows_what_the_whole_does(variant: str) -> None:
+def test_a_window_shows_what_the_whole_does(variant):
     tracer, lens = Tracer(wall(2.5)), PhysicalLens(6.0, 0.7, WIDTH)
     rows, columns = slice(10, 30), slice(7, 40)
     whole = tracer.photograph(CAMERA, 512, "w", lens)
@@ -117,7 +117,7 @@ def test_a_window_shows_what_the_whole_does(variant: str) -> None:
     assert moved > 3 * difference
 
 
-def test_what_the_renderer_cannot_do_is_refused(variant: str) -> None:
+def test_what_the_renderer_cannot_do_is_refused(variant):
     tracer = Tracer(dot(0.0, 2.0))
     with pytest.raises(ValueError, match="focus"):
         tracer.photograph(CAMERA, 8, "k", PhysicalLens(30.0, 0.0, WIDTH))
@@ -126,7 +126,7 @@ def test_what_the_renderer_cannot_do_is_refused(variant: str) -> None:
 
 
 @given(st.integers(2, 20000))
-def test_sets_are_whole_and_halve(samples: int) -> None:
+def test_sets_are_whole_and_halve(samples):
     count, size = sets_of(samples)
     assert count % 2 == 0 and math.isqrt(size) ** 2 == size <= 64
     assert samples <= count * size < samples + 2 * size

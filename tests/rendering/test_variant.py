@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -14,7 +13,7 @@ from dofbench.scenes.procedural.variant import SCALAR, VECTORISED, choose_varian
 
 
 @pytest.fixture
-def restored(variant: str) -> Iterator[None]:
+def restored(variant):
     """The session's variant is chosen again afterwards."""
     import mitsuba as mi
 
@@ -22,9 +21,7 @@ def restored(variant: str) -> Iterator[None]:
     mi.set_variant(variant)
 
 
-def test_a_library_that_does_not_work_means_the_scalar_variant(
-    restored: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_library_that_does_not_work_means_the_scalar_variant(restored, monkeypatch, tmp_path):
     library = tmp_path / "libLLVM-99.so"
     library.write_text("no library")
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(library))
@@ -35,7 +32,7 @@ def test_a_library_that_does_not_work_means_the_scalar_variant(
         choose_variant(VECTORISED)
 
 
-def test_a_library_that_aborts_the_process_is_survived(restored: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_library_that_aborts_the_process_is_survived(restored, monkeypatch):
     """Debian's LLVM 15 loads, then aborts at the first render."""
     old = Path("/usr/lib/x86_64-linux-gnu/libLLVM-15.so.1")
     if not old.is_file():
@@ -44,15 +41,13 @@ def test_a_library_that_aborts_the_process_is_survived(restored: None, monkeypat
     assert choose_variant()[0] == SCALAR
 
 
-def test_by_name(restored: None) -> None:
+def test_by_name(restored):
     assert choose_variant(SCALAR) == (SCALAR, "")
     with pytest.raises(InputError, match="auto or one of"):
         choose_variant("fast")
 
 
-def test_without_mitsuba_it_is_one_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_without_mitsuba_it_is_one_line(monkeypatch, capsys, tmp_path):
     monkeypatch.setitem(sys.modules, "mitsuba", None)
     assert app.main(["make-scene", "fence", "--out", str(tmp_path / "fence")]) == 2
     assert "pip install 'dofbench[render]'" in capsys.readouterr().err

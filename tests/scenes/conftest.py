@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -15,7 +12,7 @@ from dofbench.core.images import write_png
 SIZE = (48, 36)
 
 
-def _rotation(axis_angle: np.ndarray) -> np.ndarray:
+def _rotation(axis_angle):
     angle = np.linalg.norm(axis_angle)
     if angle == 0:
         return np.eye(3)
@@ -24,7 +21,7 @@ def _rotation(axis_angle: np.ndarray) -> np.ndarray:
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
-def _cameras(count: int = 5, *, seed: int = 0, size: tuple[int, int] = SIZE, square: bool = True) -> list[Camera]:
+def _cameras(count=5, *, seed=0, size=SIZE, square=True):
     rng = np.random.default_rng(seed)
     width, height = size
     cameras = []
@@ -38,7 +35,7 @@ def _cameras(count: int = 5, *, seed: int = 0, size: tuple[int, int] = SIZE, squ
     return cameras
 
 
-def _cloud(cameras: Sequence[Camera], count: int = 40, *, tracks: bool = True, seed: int = 1) -> PointCloud:
+def _cloud(cameras, count=40, *, tracks=True, seed=1):
     rng = np.random.default_rng(seed)
     xyz = np.column_stack([rng.uniform(-0.5, 0.5, (count, 2)), rng.uniform(4, 6, count)])
     views = None
@@ -52,25 +49,25 @@ def _cloud(cameras: Sequence[Camera], count: int = 40, *, tracks: bool = True, s
     return PointCloud(xyz, rgb, rng.uniform(0, 1, count).astype(np.float32), views)
 
 
-def _write_images(folder: Path, names: Sequence[str], size: tuple[int, int] = SIZE) -> None:
+def _write_images(folder, names, size=SIZE):
     for index, name in enumerate(names):
         image = np.full((size[1], size[0], 3), index / max(1, len(names)), dtype=np.float32)
         write_png(folder / name, image)
 
 
 @pytest.fixture(scope="session")
-def make_cameras() -> Callable[..., list[Camera]]:
+def make_cameras():
     """`make_cameras(count, seed=, size=, square=)`: cameras that look along z, a little apart."""
     return _cameras
 
 
 @pytest.fixture(scope="session")
-def make_cloud() -> Callable[..., PointCloud]:
+def make_cloud():
     """`make_cloud(cameras, count, tracks=)`: points in front of these cameras."""
     return _cloud
 
 
 @pytest.fixture(scope="session")
-def write_images() -> Callable[..., None]:
+def write_images():
     """`write_images(folder, names, size)`: one grey PNG a name."""
     return _write_images

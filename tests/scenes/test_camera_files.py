@@ -26,13 +26,13 @@ SIZE = (64, 48)
 needs_avif = pytest.mark.skipif(not features.check("avif"), reason="this Pillow reads no AVIF")
 
 
-def picture() -> np.ndarray:
+def picture():
     """(48, 64, 3) uint8: smooth, another colour in every corner."""
     x, y = np.meshgrid(np.linspace(0, 1, SIZE[0]), np.linspace(0, 1, SIZE[1]))
     return np.rint(np.stack([40 + 160 * x, 60 + 120 * y, 200 - 120 * x * y], axis=2)).astype(np.uint8)
 
 
-def write_heic(file: Path, levels: np.ndarray, **options: object) -> None:
+def write_heic(file, levels, **options):
     heif = pytest.importorskip("pillow_heif", reason="needs the extra photographs")
     heif.from_pillow(Image.fromarray(levels)).save(file, quality=-1, chroma=444, **options)
 

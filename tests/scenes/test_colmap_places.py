@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +11,6 @@ import pycolmap
 import pytest
 from tolerances import POSE_ROUND_TRIP
 
-from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
 from dofbench.scenes import load_scene
 from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
@@ -22,25 +20,25 @@ NAMES = [f"{index}.png" for index in range(COUNT)]
 
 
 @pytest.fixture
-def cameras(make_cameras: Callable) -> list[Camera]:
+def cameras(make_cameras):
     return make_cameras(COUNT)
 
 
 @pytest.fixture
-def model(tmp_path: Path, cameras: list[Camera], make_cloud: Callable) -> Path:
+def model(tmp_path, cameras, make_cloud):
     """A model of five images, by itself."""
     write_colmap(tmp_path / "model", NAMES, cameras, make_cloud(cameras))
     return tmp_path / "model/sparse/0"
 
 
 @pytest.fixture
-def root(tmp_path: Path) -> Path:
+def root(tmp_path):
     folder = tmp_path / "scene"
     folder.mkdir()
     return folder
 
 
-def put(model: Path, place: Path, images: Sequence[int] = range(COUNT), *, text: bool = False) -> None:
+def put(model, place, images=range(COUNT), *, text=False):
     """Write the model, of these images alone, to a place."""
     reconstruction = pycolmap.Reconstruction(str(model))
     for image in list(reconstruction.images.values()):
@@ -70,9 +68,7 @@ def put(model: Path, place: Path, images: Sequence[int] = range(COUNT), *, text:
         ("colmap_text", "images"),
     ],
 )
-def test_places(
-    model: Path, root: Path, cameras: list[Camera], write_images: Callable, place: str, images: str, text: bool
-) -> None:
+def test_places(model, root, cameras, write_images, place, images, text):
     put(model, root / place, text=text)
     write_images(root / images, NAMES)
     for folder in (root, root / place):
@@ -84,7 +80,7 @@ def test_places(
 
 
 @pytest.mark.parametrize("text", [False, True])
-def test_the_largest_model_is_read(model: Path, root: Path, write_images: Callable, text: bool) -> None:
+def test_the_largest_model_is_read(model, root, write_images, text):
     write_images(root / "images", NAMES)
     for number, images in enumerate([(0, 1), (2, 3, 4), (1,)]):
         put(model, root / "sparse" / str(number), images, text=text)
@@ -98,9 +94,7 @@ def test_the_largest_model_is_read(model: Path, root: Path, write_images: Callab
     assert len(load_scene(root / "sparse/1").views) == 3
 
 
-def test_a_text_model_of_other_images_next_to_the_binary_one_is_named(
-    model: Path, root: Path, write_images: Callable
-) -> None:
+def test_a_text_model_of_other_images_next_to_the_binary_one_is_named(model, root, write_images):
     write_images(root / "images", NAMES)
     put(model, root / "sparse/0", text=True)
     put(model, root / "sparse/0")
@@ -111,9 +105,7 @@ def test_a_text_model_of_other_images_next_to_the_binary_one_is_named(
 
 
 @pytest.mark.parametrize("spelled", ["images\\{}", "images/{}", ".\\images\\{}"])
-def test_names_as_windows_and_other_programs_write_them(
-    root: Path, cameras: list[Camera], write_images: Callable, spelled: str
-) -> None:
+def test_names_as_windows_and_other_programs_write_them(root, cameras, write_images, spelled):
     names = [f"left/{name}" for name in NAMES]
     write_images(root / "images", names)
     written = [spelled.format(name.replace("/", "\\") if "\\" in spelled else name) for name in names]
@@ -121,7 +113,7 @@ def test_names_as_windows_and_other_programs_write_them(
     assert [view.source for view in load_scene(root).views] == [root / "images" / name for name in names]
 
 
-def test_suffixes_in_another_case(root: Path, cameras: list[Camera], write_images: Callable) -> None:
+def test_suffixes_in_another_case(root, cameras, write_images):
     write_images(root / "images", [name.replace("png", "PNG") for name in NAMES])
     write_colmap(root, NAMES, cameras, None)
     scene = load_scene(root)
@@ -129,14 +121,14 @@ def test_suffixes_in_another_case(root: Path, cameras: list[Camera], write_image
     assert not scene.notes
 
 
-def test_a_model_without_its_images_gives_way_to_one_with(model: Path, root: Path, write_images: Callable) -> None:
+def test_a_model_without_its_images_gives_way_to_one_with(model, root, write_images):
     put(model, root / "sparse/0")
     put(model, root / "dense/0/sparse")
     write_images(root / "dense/0/images", NAMES)
     assert load_scene(root).views[0].source.parent == root / "dense/0/images"
 
 
-def test_images_that_were_deleted(model: Path, root: Path, make_cloud: Callable, write_images: Callable) -> None:
+def test_images_that_were_deleted(model, root, make_cloud, write_images):
     put(model, root / "sparse/0")
     write_images(root / "images", [NAMES[index] for index in (0, 2, 3)])
     with pytest.raises(InputError, match=r"no image for 1\.png, 4\.png.*--skip-missing"):
@@ -155,14 +147,12 @@ def test_images_that_were_deleted(model: Path, root: Path, make_cloud: Callable,
         np.testing.assert_array_equal(ours, theirs)
 
 
-def _with_all(root: Path, write_images: Callable) -> Path:
+def _with_all(root, write_images):
     write_images(root / "images", NAMES)
     return root
 
 
-def test_deleted_images_of_transforms_json(
-    model: Path, root: Path, cameras: list[Camera], write_images: Callable
-) -> None:
+def test_deleted_images_of_transforms_json(model, root, cameras, write_images):
     put(model, root / "sparse/0")
     write_transforms(root / "transforms.json", [f"images/{name}" for name in NAMES], cameras)
     write_images(root / "images", [NAMES[index] for index in (0, 2, 3)])
@@ -178,9 +168,7 @@ def test_deleted_images_of_transforms_json(
         load_scene(root, skip_missing=True)
 
 
-def test_transforms_json_takes_points_from_any_place(
-    model: Path, root: Path, cameras: list[Camera], write_images: Callable
-) -> None:
+def test_transforms_json_takes_points_from_any_place(model, root, cameras, write_images):
     put(model, root / "colmap/sparse/0")
     write_transforms(root / "transforms.json", [f"images/{name}" for name in NAMES], cameras)
     write_images(root / "images", NAMES)
@@ -192,13 +180,13 @@ class TestRowsOfAPartOfTheImages:
     """LLFF's rows are of the images that structure from motion registered, in the order of their names."""
 
     @pytest.fixture
-    def folder(self, model: Path, root: Path, cameras: list[Camera], write_images: Callable) -> Path:
+    def folder(self, model, root, cameras, write_images):
         write_images(root / "images", NAMES)
         rows = [cameras[index] for index in (0, 2, 4)]
         write_poses_bounds(root / "poses_bounds.npy", rows, np.tile([1.0, 9.0], (3, 1)))
         return root
 
-    def test_the_model_says_which(self, folder: Path, model: Path, cameras: list[Camera]) -> None:
+    def test_the_model_says_which(self, folder, model, cameras):
         put(model, folder / "sparse/0", (0, 2, 4))
         scene = load_scene(folder)
         assert scene.layout == "llff" and [view.name for view in scene.views] == ["0", "2", "4"]
@@ -210,19 +198,17 @@ class TestRowsOfAPartOfTheImages:
         assert any("2 not used (1.png, 3.png)" in note for note in scene.notes)
 
     @pytest.mark.parametrize("images", [(0, 1, 4), (0, 1, 2, 3, 4)])
-    def test_another_model_is_named_as_the_way_out(self, folder: Path, model: Path, images: tuple[int, ...]) -> None:
+    def test_another_model_is_named_as_the_way_out(self, folder, model, images):
         put(model, folder / "sparse/0", images)
         with pytest.raises(InputError, match="--layout colmap"):
             load_scene(folder)
         assert len(load_scene(folder, layout="colmap").views) == len(images)
 
-    def test_without_a_model_it_is_refused(self, folder: Path) -> None:
+    def test_without_a_model_it_is_refused(self, folder):
         with pytest.raises(InputError, match="found 5 images, expected the 3 that"):
             load_scene(folder)
 
-    def test_rows_of_deleted_images_are_skipped_on_request(
-        self, folder: Path, model: Path, cameras: list[Camera]
-    ) -> None:
+    def test_rows_of_deleted_images_are_skipped_on_request(self, folder, model, cameras):
         put(model, folder / "sparse/0", (0, 2, 4))
         (folder / "images/2.png").unlink()
         with pytest.raises(InputError, match="--skip-missing"):
@@ -237,7 +223,7 @@ class TestRowsOfAPartOfTheImages:
         np.testing.assert_allclose(scene.views[1].camera.world_to_camera, given, atol=POSE_ROUND_TRIP)
 
 
-def test_a_scene_farther_down_is_named(model: Path, root: Path, write_images: Callable) -> None:
+def test_a_scene_farther_down_is_named(model, root, write_images):
     put(model, root / "work/step3/sparse/0")
     write_images(root / "work/step3/images", NAMES)
     with pytest.raises(InputError, match="the folder of one scene, as .*/work/step3"):
@@ -245,9 +231,7 @@ def test_a_scene_farther_down_is_named(model: Path, root: Path, write_images: Ca
     assert load_scene(root / "work/step3").layout == "colmap"
 
 
-def test_lists_that_a_layout_passes_over_are_named(
-    model: Path, root: Path, cameras: list[Camera], write_images: Callable
-) -> None:
+def test_lists_that_a_layout_passes_over_are_named(model, root, cameras, write_images):
     put(model, root / "sparse/0")
     write_images(root / "images", NAMES)
     paths = [f"images/{name}" for name in NAMES]
@@ -262,10 +246,10 @@ class TestRowsInAnotherOrder:
     """As many rows as images and as the model has, of the same cameras or others."""
 
     @pytest.fixture
-    def spread(self, make_cameras: Callable) -> list[Camera]:
+    def spread(self, make_cameras):
         return make_cameras(10)
 
-    def scene(self, root: Path, ours: Sequence[Camera], theirs: Sequence[Camera], write_images: Callable) -> Path:
+    def scene(self, root, ours, theirs, write_images):
         names = [f"{index}.png" for index in range(10)]
         write_images(root / "images", names)
         write_poses_bounds(root / "poses_bounds.npy", ours, np.tile([1.0, 9.0], (10, 1)))
@@ -273,13 +257,13 @@ class TestRowsInAnotherOrder:
         return root
 
     @pytest.mark.parametrize("order", [[1, 0, *range(2, 10)], [*range(1, 10), 0], [*range(9, -1, -1)]])
-    def test_in_one_frame(self, root: Path, spread: list[Camera], write_images: Callable, order: list[int]) -> None:
+    def test_in_one_frame(self, root, spread, write_images, order):
         folder = self.scene(root, [spread[index] for index in order], spread, write_images)
         with pytest.raises(InputError, match=r"rows of other images.*--layout colmap"):
             load_scene(folder, layout="llff")
         assert load_scene(folder, layout="colmap").views
 
-    def test_up_to_a_similarity(self, root: Path, spread: list[Camera], write_images: Callable) -> None:
+    def test_up_to_a_similarity(self, root, spread, write_images):
         moved = [_by_a_similarity(camera) for camera in spread]
         folder = self.scene(root, spread, moved, write_images)
         assert not load_scene(folder, layout="llff").notes
@@ -290,7 +274,7 @@ class TestRowsInAnotherOrder:
         assert any(note.startswith("0.png, 1.png elsewhere") for note in load_scene(folder, layout="llff").notes)
 
 
-def _by_a_similarity(camera: Camera) -> Camera:
+def _by_a_similarity(camera):
     """The camera in a frame that is turned, 3 times as large and moved."""
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     pose = np.eye(4)

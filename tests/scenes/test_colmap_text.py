@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pycolmap
 import pytest
 from tolerances import POSE_ROUND_TRIP
 
-from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
 from dofbench.core.images import read_image
 from dofbench.scenes import load_scene
@@ -20,7 +16,7 @@ from dofbench.scenes.readers.colmap import read_model
 NAMES = ["c.png", "a.png", "b.png"]
 
 
-def as_text(root: Path) -> Path:
+def as_text(root):
     """Turn sparse/0 into text, as COLMAP before 3.12 wrote it: without rigs and frames."""
     model = root / "sparse/0"
     pycolmap.Reconstruction(str(model)).write_text(str(model))
@@ -30,25 +26,25 @@ def as_text(root: Path) -> Path:
 
 
 @pytest.fixture
-def cameras(make_cameras: Callable) -> list[Camera]:
+def cameras(make_cameras):
     return make_cameras(3)
 
 
 @pytest.fixture
-def model(tmp_path: Path, cameras: list[Camera], make_cloud: Callable, write_images: Callable) -> Path:
+def model(tmp_path, cameras, make_cloud, write_images):
     write_images(tmp_path / "images", NAMES)
     write_colmap(tmp_path, NAMES, cameras, make_cloud(cameras))
     return as_text(tmp_path)
 
 
-def edit(file: Path, change: Callable[[list[str]], list[str]]) -> None:
+def edit(file, change):
     """Change the lines with data; the header stays."""
     lines = file.read_text().split("\n")[:-1]
     head = [line for line in lines if line.startswith("#")]
     file.write_text("\n".join([*head, *change(lines[len(head) :])]) + "\n")
 
 
-def assert_same(found, expected) -> None:
+def assert_same(found, expected):
     assert found.names == expected.names
     for ours, theirs in zip(found.world_to_camera, expected.world_to_camera, strict=True):
         np.testing.assert_allclose(ours, theirs, atol=POSE_ROUND_TRIP)
@@ -57,7 +53,7 @@ def assert_same(found, expected) -> None:
         np.testing.assert_array_equal(ours, theirs)
 
 
-def test_names_with_blanks_are_whole(tmp_path: Path, cameras: list[Camera], write_images: Callable) -> None:
+def test_names_with_blanks_are_whole(tmp_path, cameras, write_images):
     names = ["DJI 2024 (1).png", "DJI 2024 (2).png", "DJI  two blanks.png"]
     # Other photographs have the first word for a name: cut names would take these.
     write_images(tmp_path / "images", ["DJI.png", *names])
@@ -72,7 +68,7 @@ def test_names_with_blanks_are_whole(tmp_path: Path, cameras: list[Camera], writ
 
 
 @pytest.mark.parametrize("header", [True, False])
-def test_images_without_their_second_lines(model: Path, header: bool) -> None:
+def test_images_without_their_second_lines(model, header):
     expected = read_model(model)
     edit(model / "images.txt", lambda lines: lines[::2])
     if not header:
@@ -83,7 +79,7 @@ def test_images_without_their_second_lines(model: Path, header: bool) -> None:
     assert found.notes and not expected.notes
 
 
-def test_blank_second_lines_are_as_good_as_full_ones(model: Path) -> None:
+def test_blank_second_lines_are_as_good_as_full_ones(model):
     expected = read_model(model)
     edit(model / "images.txt", lambda lines: [part for line in lines[::2] for part in (line, "")])
     found = read_model(model)
@@ -93,7 +89,7 @@ def test_blank_second_lines_are_as_good_as_full_ones(model: Path) -> None:
     assert_same(read_model(model), expected)
 
 
-def test_one_second_line_that_is_missing(model: Path) -> None:
+def test_one_second_line_that_is_missing(model):
     (model / "points3D.txt").write_text("")
     expected = read_model(model)
     edit(model / "images.txt", lambda lines: [*lines[:1], *lines[2:]])
@@ -102,7 +98,7 @@ def test_one_second_line_that_is_missing(model: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".txt", ".bin"])
-def test_points_that_are_gone_are_named(model: Path, suffix: str) -> None:
+def test_points_that_are_gone_are_named(model, suffix):
     whole = read_model(model)
     if suffix == ".bin":
         reconstruction = pycolmap.Reconstruction(str(model))
@@ -121,7 +117,7 @@ def test_points_that_are_gone_are_named(model: Path, suffix: str) -> None:
     assert any("has 5 points" in note for note in found.notes)
 
 
-def test_byte_order_marks_and_line_ends_of_windows(model: Path) -> None:
+def test_byte_order_marks_and_line_ends_of_windows(model):
     expected = read_model(model)
     for file in model.iterdir():
         file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n"))
@@ -129,7 +125,7 @@ def test_byte_order_marks_and_line_ends_of_windows(model: Path) -> None:
 
 
 @pytest.mark.parametrize("part", ["cameras", "images", "points3D"])
-def test_a_header_that_contradicts_the_lines_is_refused(model: Path, part: str) -> None:
+def test_a_header_that_contradicts_the_lines_is_refused(model, part):
     keep = 0 if part == "cameras" else -2
     edit(model / f"{part}.txt", lambda lines: lines[:keep])
     with pytest.raises(InputError, match=rf"{part}\.txt: found \d+ \w+, expected the \d+ that its header counts"):
@@ -148,7 +144,7 @@ def test_a_header_that_contradicts_the_lines_is_refused(model: Path, part: str) 
         ("images", lambda lines: [line.replace("a.png", "ä.png") for line in lines], "no UTF-8 text"),
     ],
 )
-def test_contradictions_are_refused(model: Path, part: str, change: Callable, said: str) -> None:
+def test_contradictions_are_refused(model, part, change, said):
     edit(model / f"{part}.txt", change)
     if "UTF" in said:
         file = model / "images.txt"
@@ -157,16 +153,14 @@ def test_contradictions_are_refused(model: Path, part: str, change: Callable, sa
         read_model(model)
 
 
-def test_two_images_of_one_name_in_a_binary_model(
-    tmp_path: Path, cameras: list[Camera], write_images: Callable
-) -> None:
+def test_two_images_of_one_name_in_a_binary_model(tmp_path, cameras, write_images):
     write_images(tmp_path / "images", NAMES)
     write_colmap(tmp_path, ["a.png", "a.png", "b.png"], cameras, None)
     with pytest.raises(InputError, match=r"several images called a\.png"):
         load_scene(tmp_path)
 
 
-def test_a_rig_of_two_cameras(tmp_path: Path, cameras: list[Camera], write_images: Callable) -> None:
+def test_a_rig_of_two_cameras(tmp_path, cameras, write_images):
     """Poses of a rig: sensors that a frame moves together, each with its camera, in text and in binary."""
     rig = pycolmap.Rig(rig_id=1)
     model = pycolmap.Reconstruction()
@@ -214,7 +208,7 @@ def test_a_rig_of_two_cameras(tmp_path: Path, cameras: list[Camera], write_image
             np.testing.assert_allclose(view.camera.world_to_camera[:3, 3], translation, atol=POSE_ROUND_TRIP)
 
 
-def test_poses_of_images_that_contradict_those_of_frames(tmp_path: Path, model: Path) -> None:
+def test_poses_of_images_that_contradict_those_of_frames(tmp_path, model):
     for write in ("write_text", "write_binary"):
         getattr(pycolmap.Reconstruction(str(model)), write)(str(model))
         read_model(model)  # one pose in both files
@@ -226,7 +220,7 @@ def test_poses_of_images_that_contradict_those_of_frames(tmp_path: Path, model: 
     for binary in model.glob("*.bin"):
         binary.unlink()
 
-    def moved(lines: list[str]) -> list[str]:
+    def moved(lines):
         words = lines[0].split()
         return [" ".join([*words[:5], "7", *words[6:]]), *lines[1:]]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,7 @@ SMALL = [f"IMG_{4000 + 3 * index}.png" for index in range(COUNT)]
 
 
 @pytest.fixture
-def folder(tmp_path: Path, make_cameras: Callable, make_cloud: Callable, write_images: Callable) -> Path:
+def folder(tmp_path, make_cameras, make_cloud, write_images):
     """images (PNG here: nothing depends on it), images_4, poses_bounds.npy, sparse/0, hold=6."""
     root = tmp_path / "defocusseal"
     cameras = make_cameras(COUNT, size=SIZE)
@@ -36,7 +35,7 @@ def folder(tmp_path: Path, make_cameras: Callable, make_cloud: Callable, write_i
     return root
 
 
-def test_blurred_views_to_train_on_and_sharp_ones_to_test_with(folder: Path, make_cameras: Callable) -> None:
+def test_blurred_views_to_train_on_and_sharp_ones_to_test_with(folder, make_cameras):
     scene = load_scene(folder, layout="deblurnerf")
     assert (scene.layout, scene.photographs) == ("deblurnerf", "shallow")
     assert [view.name for view in scene.test_views()] == [Path(NAMES[index]).stem for index in (0, 6, 12)]
@@ -47,9 +46,7 @@ def test_blurred_views_to_train_on_and_sharp_ones_to_test_with(folder: Path, mak
         np.testing.assert_allclose(view.camera.world_to_camera, camera.world_to_camera, atol=POSE_ROUND_TRIP)
 
 
-def test_the_training_set_has_no_test_view_and_no_point_that_only_test_views_saw(
-    folder: Path, make_cameras: Callable, make_cloud: Callable
-) -> None:
+def test_the_training_set_has_no_test_view_and_no_point_that_only_test_views_saw(folder, make_cameras, make_cloud):
     scene = load_scene(folder, layout="deblurnerf")
     training = scene.training_set()
     names = [view.name for view in training.views]
@@ -62,7 +59,7 @@ def test_the_training_set_has_no_test_view_and_no_point_that_only_test_views_saw
         assert [names[view] for view in found] == [Path(NAMES[view]).stem for view in given if view % 6]
 
 
-def test_sizes(folder: Path) -> None:
+def test_sizes(folder):
     assert load_scene(folder, layout="deblurnerf", width=60).views[0].source.parent.name == "images"
     assert load_scene(folder, layout="deblurnerf", images="images").views[0].camera.width == 96
     for path in (folder / "images_4").iterdir():
@@ -70,28 +67,28 @@ def test_sizes(folder: Path) -> None:
     assert load_scene(folder, layout="deblurnerf").views[0].camera.width == 96
 
 
-def test_hold_is_never_guessed(folder: Path) -> None:
+def test_hold_is_never_guessed(folder):
     (folder / "hold=6").unlink()
     with pytest.raises(InputError, match="no marker file hold=N and no hold"):
         load_scene(folder, layout="deblurnerf")
     assert len(load_scene(folder, layout="deblurnerf", hold=5).test_views()) == 3
 
 
-def textured(file: Path, seed: int, blur: float) -> None:
+def textured(file, seed, blur):
     """A random texture in place of an image of that size; blur: standard deviation, px."""
     image = np.random.default_rng(seed).uniform(0, 1, read_image(file).shape)
     image = gaussian_filter(image, (0.6, 0.6, 0))
     write_png(file, np.clip(gaussian_filter(image, (blur, blur, 0)), 0, 1).astype(np.float32))
 
 
-def blurred(folder: Path, blur: Callable[[int], float]) -> None:
+def blurred(folder, blur):
     """Textures in images/, the i-th blurred by blur(i); the smaller copies are removed."""
     shutil.rmtree(folder / "images_4")
     for index, name in enumerate(sorted(SMALL)):
         textured(folder / "images" / name, index, blur(index))
 
 
-def test_sharp_views_among_blurred_ones_are_found_by_measuring(folder: Path) -> None:
+def test_sharp_views_among_blurred_ones_are_found_by_measuring(folder):
     blurred(folder, lambda index: 1.0 + 0.1 * index if index % 6 else 0.0)
     scene = load_scene(folder)
     assert (scene.layout, scene.photographs) == ("deblurnerf", "shallow")
@@ -105,7 +102,7 @@ def test_sharp_views_among_blurred_ones_are_found_by_measuring(folder: Path) -> 
 
 
 @pytest.mark.parametrize("blur", [lambda index: 0.0, lambda index: 1.5, lambda index: 0.0 if index % 5 else 1.5])
-def test_views_that_are_no_sharper_than_others_need_a_layout(folder: Path, blur: Callable[[int], float]) -> None:
+def test_views_that_are_no_sharper_than_others_need_a_layout(folder, blur):
     blurred(folder, blur)
     with pytest.raises(InputError, match=r"hold=6.*--layout deblurnerf .*--layout llff"):
         load_scene(folder)
@@ -115,7 +112,7 @@ def test_views_that_are_no_sharper_than_others_need_a_layout(folder: Path, blur:
 
 
 @pytest.mark.parametrize("blur", [0.0, 1.5])
-def test_the_marker_in_a_colmap_scene(folder: Path, blur: float) -> None:
+def test_the_marker_in_a_colmap_scene(folder, blur):
     (folder / "poses_bounds.npy").unlink()
     blurred(folder, lambda index: blur if index % 6 else 0.0)
     scene = load_scene(folder)
@@ -125,5 +122,5 @@ def test_the_marker_in_a_colmap_scene(folder: Path, blur: float) -> None:
     assert load_scene(folder, layout="colmap").photographs == "all-in-focus"
 
 
-def test_as_one_of_the_known_scenes_it_is_known_to_be_blurred(folder: Path) -> None:
+def test_as_one_of_the_known_scenes_it_is_known_to_be_blurred(folder):
     assert resolve(str(folder), None)[0].load().photographs == "shallow"

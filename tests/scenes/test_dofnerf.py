@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +20,12 @@ GREY = {"f11": 0.2, "f4_bak": 0.5, "f4_obj": 0.8}
 STEMS = {"f11": "DSC_1", "f4_bak": "DSC_2", "f4_obj": "DSC_3"}
 
 
-def file_name(stack: str, index: int) -> str:
+def file_name(stack, index):
     return f"{STEMS[stack]}{index:03d}.png"
 
 
 @pytest.fixture
-def folder(tmp_path: Path, make_cameras: Callable, make_cloud: Callable) -> Path:
+def folder(tmp_path, make_cameras, make_cloud):
     """20 triplets at 96x72 and 12x9; each photograph of a triplet has a number of its own."""
     root = tmp_path / "plant"
     cameras = make_cameras(COUNT, size=SIZE)
@@ -40,7 +39,7 @@ def folder(tmp_path: Path, make_cameras: Callable, make_cloud: Callable) -> Path
     return root
 
 
-def expected_stack(index: int, hold: int) -> str:
+def expected_stack(index, hold):
     """The authors' runner: test views are arange(N)[::hold] + 1; odd training views bak, even ones obj."""
     if index in [start + 1 for start in range(0, COUNT, hold)]:
         return "f11"
@@ -48,7 +47,7 @@ def expected_stack(index: int, hold: int) -> str:
 
 
 @pytest.mark.parametrize("hold", [None, 7, 3, 19])
-def test_every_view_is_the_photograph_of_its_role(folder: Path, make_cameras: Callable, hold: int | None) -> None:
+def test_every_view_is_the_photograph_of_its_role(folder, make_cameras, hold):
     scene = load_scene(folder, hold=hold)
     assert (scene.layout, scene.photographs, len(scene.views)) == ("dofnerf", "shallow", COUNT)
     for index, (view, camera) in enumerate(zip(scene.views, make_cameras(COUNT, size=SIZE), strict=True)):
@@ -61,13 +60,13 @@ def test_every_view_is_the_photograph_of_its_role(folder: Path, make_cameras: Ca
         np.testing.assert_allclose(view.camera.world_to_camera, camera.world_to_camera, atol=POSE_ROUND_TRIP)
 
 
-def test_the_marker_says_hold(folder: Path) -> None:
+def test_the_marker_says_hold(folder):
     (folder / "hold=5").touch()
     views = load_scene(folder).views
     assert [index for index, view in enumerate(views) if view.split == "test"] == [1, 6, 11, 16]
 
 
-def test_tracks_and_training_set(folder: Path, make_cameras: Callable, make_cloud: Callable) -> None:
+def test_tracks_and_training_set(folder, make_cameras, make_cloud):
     scene = load_scene(folder)
     cloud = make_cloud(make_cameras(COUNT, size=SIZE))
     assert all(np.array_equal(a, b) for a, b in zip(scene.points.views, cloud.views, strict=True))
@@ -76,23 +75,21 @@ def test_tracks_and_training_set(folder: Path, make_cameras: Callable, make_clou
     assert all(view.image.mean() > 0.45 for view in training.views), "none of them is sharp"
 
 
-def test_width_chooses_among_the_sizes(folder: Path) -> None:
+def test_width_chooses_among_the_sizes(folder):
     assert load_scene(folder, width=12).views[0].source.parent.parent.name == "images_8"
     scene = load_scene(folder, width=40)
     assert scene.views[0].source.parent.parent.name == "images" and scene.views[0].camera.width == 40
 
 
 @pytest.mark.parametrize(("images", "width", "size"), [("f11", None, 12), ("f11", 50, 50), ("images/f11", None, 96)])
-def test_the_sharp_photographs_alone_are_an_all_in_focus_scene(
-    folder: Path, images: str, width: int | None, size: int
-) -> None:
+def test_the_sharp_photographs_alone_are_an_all_in_focus_scene(folder, images, width, size):
     scene = load_scene(folder, images=images, width=width)
     assert (scene.photographs, scene.views[0].camera.width) == ("all-in-focus", size)
     assert {view.source.parent.name for view in scene.views} == {"f11"}
     assert [index for index, view in enumerate(scene.views) if view.split == "test"] == [1, 10, 19]
 
 
-def test_one_shallow_stack_alone_stays_shallow(folder: Path) -> None:
+def test_one_shallow_stack_alone_stays_shallow(folder):
     scene = load_scene(folder, images="f4_bak")
     assert {view.photograph for view in scene.views} == {"shallow"}, "those to test with too"
     assert {view.source.parent.name for view in scene.views} == {"f4_bak"}
@@ -101,13 +98,13 @@ def test_one_shallow_stack_alone_stays_shallow(folder: Path) -> None:
 # ---- what is wrong is named ----
 
 
-def test_a_photograph_that_is_missing(folder: Path) -> None:
+def test_a_photograph_that_is_missing(folder):
     (folder / "images_8" / "f4_obj" / file_name("f4_obj", 3)).unlink()
     with pytest.raises(InputError, match=r"f4_obj: found 19 images, expected the 20 that .*poses_bounds.npy"):
         load_scene(folder)
 
 
-def test_a_stack_that_is_missing(folder: Path) -> None:
+def test_a_stack_that_is_missing(folder):
     shutil.rmtree(folder / "images_8" / "f4_bak")
     with pytest.raises(InputError, match=r"images_8/f4_bak: found no images, expected photographs"):
         load_scene(folder)
@@ -117,6 +114,6 @@ def test_a_stack_that_is_missing(folder: Path) -> None:
         load_scene(folder)
 
 
-def test_wrong_hold(folder: Path) -> None:
+def test_wrong_hold(folder):
     with pytest.raises(InputError, match="hold 1 for 20 views"):
         load_scene(folder, hold=1)

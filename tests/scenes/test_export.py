@@ -19,18 +19,18 @@ from dofbench.scenes import load_scene
 from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
 
 
-def assert_same_camera(found: Camera, expected: Camera, tolerance: float = POSE_ROUND_TRIP) -> None:
+def assert_same_camera(found, expected, tolerance=POSE_ROUND_TRIP):
     assert (found.width, found.height) == (expected.width, expected.height)
     for name in ("fx", "fy", "cx", "cy"):
         assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=FLOAT64_VALUE), name
     np.testing.assert_allclose(found.world_to_camera, expected.world_to_camera, atol=tolerance)
 
 
-def names(count: int) -> list[str]:
+def names(count):
     return [f"view{index:03d}.png" for index in range(count)]
 
 
-def plain_colmap(folder: Path) -> tuple[dict, dict, list]:
+def plain_colmap(folder):
     """The classic binary layout, read as 3DGS programs do: cameras, images by name, points."""
     content, at = (folder / "cameras.bin").read_bytes(), 8
     cameras = {}

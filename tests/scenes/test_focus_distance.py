@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import random
 import struct
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
@@ -20,7 +18,7 @@ ENDLESS = 0xFFFFFFFF  # numerator: infinity, by the standard
 DAMAGED = 300  # files
 
 
-def _directory(endian: str, tags: list[tuple[int, int, int, bytes]], start: int) -> bytes:
+def _directory(endian, tags, start):
     """A TIFF directory at `start` with its values behind it. tags: number, type, count, value."""
     entries, values = b"", b""
     behind = start + 2 + 12 * len(tags) + 4
@@ -31,20 +29,14 @@ def _directory(endian: str, tags: list[tuple[int, int, int, bytes]], start: int)
     return struct.pack(endian + "H", len(tags)) + entries + bytes(4) + values
 
 
-def photograph(
-    path: Path,
-    make: str,
-    subject: tuple[int, int] | None = None,
-    note: Callable[[int], bytes] | None = None,
-    endian="<",
-) -> Path:
+def photograph(path, make, subject=None, note=None, endian="<"):
     """A JPEG whose EXIF has a maker, a subject distance, and a maker note that is made for its place in the file."""
     spec = oiio.ImageSpec(16, 16, 3, "uint8")
     output = oiio.ImageOutput.create(str(path))
     assert output.open(str(path), spec) and output.write_image(np.zeros((16, 16, 3), np.uint8)) and output.close()
     head = (b"II" if endian == "<" else b"MM") + struct.pack(endian + "HI", 42, 8)
 
-    def block(at: int) -> bytes:
+    def block(at):
         name = make.encode() + b"\0"
         first = [(0x010F, 2, len(name), name), (0x8769, 4, 1, struct.pack(endian + "I", at))]
         return head + _directory(endian, first, 8)
@@ -64,10 +56,10 @@ def photograph(
     return path
 
 
-def canon(directory: int, word: int, upper: int, lower: int, endian: str = "<") -> Callable[[int], bytes]:
+def canon(directory, word, upper, lower, endian="<"):
     """Canon's directory with both ends of the zone in focus, centimetres, from that word on."""
 
-    def note(at: int) -> bytes:
+    def note(at):
         words = [0] * 34
         words[0], words[word], words[word + 1] = 68, upper, lower
         return _directory(endian, [(directory, 3, 34, struct.pack(endian + "34H", *words))], at)
@@ -75,7 +67,7 @@ def canon(directory: int, word: int, upper: int, lower: int, endian: str = "<") 
     return note
 
 
-def nikon(version: bytes, step: int) -> Callable[[int], bytes]:
+def nikon(version, step):
     data = version + bytes(5) + bytes([step]) + bytes(20)
     return lambda at: b"Nikon\0\x02\x10\0\0II*\0\x08\0\0\0" + _directory("<", [(0x98, 7, len(data), data)], 8)
 
@@ -91,7 +83,7 @@ def nikon(version: bytes, step: int) -> Callable[[int], bytes]:
         ((0, 0), None),
     ],
 )
-def test_the_subject_distance(tmp_path: Path, subject: tuple[int, int], metres: float | None) -> None:
+def test_the_subject_distance(tmp_path, subject, metres):
     assert exif_of_image(photograph(tmp_path / "a.jpg", "X", subject)).focus_distance == metres
 
 
@@ -111,15 +103,13 @@ def test_the_subject_distance(tmp_path: Path, subject: tuple[int, int], metres: 
         (0, 500, None),
     ],
 )
-def test_canon_s_maker_note(
-    tmp_path: Path, endian: str, directory: int, word: int, upper: int, lower: int, metres: float | None
-) -> None:
+def test_canon_s_maker_note(tmp_path, endian, directory, word, upper, lower, metres):
     file = photograph(tmp_path / "a.jpg", "Canon", note=canon(directory, word, upper, lower, endian), endian=endian)
     found = exif_of_image(file).focus_distance
     assert found == (metres if metres is None else pytest.approx(metres, rel=EXIF_RATIONAL))
 
 
-def test_the_standard_s_tag_comes_before_the_maker_note(tmp_path: Path) -> None:
+def test_the_standard_s_tag_comes_before_the_maker_note(tmp_path):
     note = canon(0x0004, 19, 250, 250)
     assert exif_of_image(photograph(tmp_path / "a.jpg", "Canon", (7, 1), note)).focus_distance == 7
     assert exif_of_image(photograph(tmp_path / "a.jpg", "Canon", (0, 1), note)).focus_distance == 2.5
@@ -128,7 +118,7 @@ def test_the_standard_s_tag_comes_before_the_maker_note(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("version", "step", "metres"), [(b"0101", 80, 1.0), (b"0101", 0, None), (b"0204", 80, None), (b"0100", 80, None)]
 )
-def test_nikon_s_maker_note_where_it_is_plain(tmp_path: Path, version: bytes, step: int, metres: float | None) -> None:
+def test_nikon_s_maker_note_where_it_is_plain(tmp_path, version, step, metres):
     assert (
         exif_of_image(photograph(tmp_path / "a.jpg", "NIKON CORPORATION", note=nikon(version, step))).focus_distance
         == metres
@@ -136,13 +126,11 @@ def test_nikon_s_maker_note_where_it_is_plain(tmp_path: Path, version: bytes, st
 
 
 @pytest.mark.parametrize("make", ["SONY", "FUJIFILM", "", "NIKON"])
-def test_another_maker_s_note_says_nothing(tmp_path: Path, make: str) -> None:
+def test_another_maker_s_note_says_nothing(tmp_path, make):
     assert exif_of_image(photograph(tmp_path / "a.jpg", make, note=canon(0x0004, 19, 250, 250))).focus_distance is None
 
 
-def test_a_damaged_maker_note_says_nothing_and_raises_nothing(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_damaged_maker_note_says_nothing_and_raises_nothing(tmp_path, capfd):
     file, draw = photograph(tmp_path / "a.jpg", "Canon", note=canon(0x0004, 19, 250, 240)), random.Random(0)
     sound = file.read_bytes()
     for _ in range(DAMAGED):
@@ -155,7 +143,7 @@ def test_a_damaged_maker_note_says_nothing_and_raises_nothing(
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_count_of_thousands_of_millions_ends(tmp_path: Path) -> None:
+def test_a_count_of_thousands_of_millions_ends(tmp_path):
     file = photograph(tmp_path / "a.jpg", "Canon", note=canon(0x0004, 19, 250, 240))
     data = file.read_bytes()
     place = data.index(struct.pack("<HH", 0x927C, 7)) + 4
@@ -163,7 +151,7 @@ def test_a_count_of_thousands_of_millions_ends(tmp_path: Path) -> None:
     assert exif_of_image(file).focus_distance is None
 
 
-def test_infinity_is_kept(tmp_path: Path) -> None:
+def test_infinity_is_kept(tmp_path):
     (tmp_path / "exif.csv").write_text("name,focus_distance_m\na,1.5\nb,inf\nc,Infinity\nd,\n")
     known = read_exif_csv(tmp_path / "exif.csv")
     assert [known[name].focus_distance for name in "abcd"] == [1.5, math.inf, math.inf, None]
@@ -173,11 +161,11 @@ def test_infinity_is_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [math.nan, -1.0, 0.0, -math.inf])
-def test_a_distance_that_cant_be_is_refused(number: float) -> None:
+def test_a_distance_that_cant_be_is_refused(number):
     with pytest.raises(ValueError, match="focus_distance"):
         Exif(focus_distance=number)
 
 
-def test_nothing_else_may_be_infinite() -> None:
+def test_nothing_else_may_be_infinite():
     with pytest.raises(ValueError, match="f_number"):
         Exif(f_number=math.inf)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from dofbench.scenes.listing import Listed, list_scenes
 
 
 @pytest.fixture
-def scene(tmp_path: Path, write_images: Callable[..., None]) -> Path:
+def scene(tmp_path, write_images):
     """A folder that holds one scene, of five views, and a folder that is none."""
     root = tmp_path / "shelf" / "little"
     names = [f"{index}.png" for index in range(5)]
@@ -33,12 +32,12 @@ def scene(tmp_path: Path, write_images: Callable[..., None]) -> Path:
     return root
 
 
-def given(folder: Path) -> list[Listed]:
+def given(folder):
     """What the list has for a folder, built-in scenes left out."""
     return [listed for listed in list_scenes([folder]) if Path(listed.name).is_absolute()]
 
 
-def test_a_scene_and_the_folder_that_holds_it_are_listed_alike(scene: Path) -> None:
+def test_a_scene_and_the_folder_that_holds_it_are_listed_alike(scene):
     expected = Listed(
         str(scene), layout="nerfstudio", training=4, test=1, split="hold 8 (default)", width=20, height=10
     )
@@ -46,9 +45,7 @@ def test_a_scene_and_the_folder_that_holds_it_are_listed_alike(scene: Path) -> N
     assert given(scene.parent) == given(scene)
 
 
-def test_a_scene_with_deleted_images_is_listed_and_is_not_whole(
-    scene: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_scene_with_deleted_images_is_listed_and_is_not_whole(scene, capsys):
     (scene / "images/3.png").unlink()
     (listed,) = given(scene)
     assert not listed.problem and (listed.training, listed.test) == (3, 1)
@@ -58,7 +55,7 @@ def test_a_scene_with_deleted_images_is_listed_and_is_not_whole(
     assert "--skip-missing" in said and "no scene" not in said
 
 
-def test_a_folder_without_a_scene_is_named_with_the_reason(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_without_a_scene_is_named_with_the_reason(scene, capsys):
     folder = scene.parent / "notes"
     (listed,) = given(folder)
     assert str(folder) in listed.problem and "expected" in listed.problem
@@ -66,18 +63,18 @@ def test_a_folder_without_a_scene_is_named_with_the_reason(scene: Path, capsys: 
     assert f"no scene: {folder}" in capsys.readouterr().out
 
 
-def test_a_missing_folder_is_a_wrong_input(tmp_path: Path) -> None:
+def test_a_missing_folder_is_a_wrong_input(tmp_path):
     with pytest.raises(InputError, match="no such folder"):
         list_scenes([tmp_path / "absent"])
 
 
-def test_built_in_scenes_are_readable_and_have_truth() -> None:
+def test_built_in_scenes_are_readable_and_have_truth():
     built_in = list_scenes()
     assert "tabletop" in [listed.name for listed in built_in]
     assert not [listed.problem for listed in built_in if listed.problem]
     assert all(listed.depth and listed.points and listed.test for listed in built_in)
 
 
-def test_a_real_scene_is_listed(real_data: Callable[[str], Path]) -> None:
+def test_a_real_scene_is_listed(real_data):
     (listed,) = given(real_data("llff_fern").resolve())
     assert (listed.layout, listed.training, listed.test, listed.points) == ("llff", 17, 3, 10091)

@@ -9,7 +9,7 @@ from tolerances import FLOAT32_VALUE
 
 from dofbench.core.errors import InputError
 from dofbench.core.images import read_image, resize, write_png
-from dofbench.scenes import Scene, load_scene
+from dofbench.scenes import load_scene
 from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
 
 # Those that one folder can be in at once. The others have files of their own.
@@ -29,7 +29,7 @@ def folder(tmp_path, make_cameras, write_images):
     return tmp_path
 
 
-def held_out(scene: Scene) -> list[int]:
+def held_out(scene):
     return [index for index, view in enumerate(scene.views) if view.split == "test"]
 
 
@@ -75,8 +75,7 @@ def test_one_view_cannot_be_split(tmp_path, make_cameras, write_images):
 
 
 @pytest.mark.parametrize(
-    ("options", "found"),
-    [({"layout": "blender"}, "blender"), ({"width": 0}, "found 0"), ({"width": -3}, "found -3")],
+    ("options", "found"), [({"layout": "blender"}, "blender"), ({"width": 0}, "found 0"), ({"width": -3}, "found -3")]
 )
 def test_wrong_options(folder, options, found):
     with pytest.raises(InputError, match=found):

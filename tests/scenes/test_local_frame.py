@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pycolmap
@@ -14,14 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FAR_POSITION
 
-from dofbench.core.cameras import NO_OFFSET, Camera
+from dofbench.core.cameras import NO_OFFSET
 from dofbench.core.contracts import PointCloud
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, write_json
 from dofbench.scenes import load_scene
 from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
 from dofbench.scenes.local_frame import AnotherFrame, local_offset
-from dofbench.scenes.scene import Scene
 
 NAMES = [f"v{index}.png" for index in range(5)]
 UTM = (448262.0, 5411932.0, 135.0)
@@ -31,10 +28,10 @@ ANYWHERE = st.floats(-1e7, 1e7, allow_subnormal=False)
 class Far:
     """A scene in a folder, and the cameras and points that it has near the origin."""
 
-    def __init__(self, folder: Path, cameras: list[Camera], cloud: PointCloud):
+    def __init__(self, folder, cameras, cloud):
         self.folder, self.cameras, self.cloud = folder, cameras, cloud
 
-    def written(self, layout: str, at: np.ndarray, cameras: list[Camera] | None = None, **changes: object) -> Scene:
+    def written(self, layout, at, cameras=None, **changes):
         """The scene written at another place by adding numbers to positions, and read."""
         cloud = replace(self.cloud, **changes)
         placed = replace(cloud, xyz=cloud.xyz + at)
@@ -49,21 +46,21 @@ class Far:
         return load_scene(self.folder)
 
 
-def placed_at(camera: Camera, centre: np.ndarray) -> Camera:
+def placed_at(camera, centre):
     pose = camera.world_to_camera.copy()
     pose[:3, 3] = -pose[:3, :3] @ centre
     return replace(camera, world_to_camera=pose)
 
 
 @pytest.fixture(scope="module")
-def far(tmp_path_factory: pytest.TempPathFactory, make_cameras: Callable, make_cloud: Callable, write_images: Callable):
+def far(tmp_path_factory, make_cameras, make_cloud, write_images):
     folder = tmp_path_factory.mktemp("far")
     write_images(folder / "images", NAMES)
     cameras = make_cameras(5)
     return Far(folder, cameras, make_cloud(cameras))
 
 
-def load_half(far: Far, cameras: list[Camera]) -> Scene:
+def load_half(far, cameras):
     """The scene with only these cameras, without points."""
     shutil.rmtree(far.folder / "sparse", ignore_errors=True)
     names = [f"images/{name}" for name in NAMES[: len(cameras)]]
@@ -71,7 +68,7 @@ def load_half(far: Far, cameras: list[Camera]) -> Scene:
     return load_scene(far.folder)
 
 
-def assert_same_views(scene: Scene, far: Far) -> None:
+def assert_same_views(scene, far):
     """Points before every camera, and centres among each other, are as they are near the origin."""
     for view, camera in zip(scene.views, far.cameras, strict=True):
         to_camera = [one.world_to_camera for one in (view.camera, camera)]
@@ -87,7 +84,7 @@ def assert_same_views(scene: Scene, far: Far) -> None:
 
 @pytest.mark.parametrize("layout", ["colmap", "nerfstudio", "llff"])
 @given(st.tuples(ANYWHERE, ANYWHERE, ANYWHERE))
-def test_a_moved_scene_has_the_same_rays_and_points(far: Far, layout: str, at: tuple[float, float, float]) -> None:
+def test_a_moved_scene_has_the_same_rays_and_points(far, layout, at):
     scene = far.written(layout, np.array(at))
     assert scene.layout == layout
     assert_same_views(scene, far)
@@ -99,7 +96,7 @@ def test_a_moved_scene_has_the_same_rays_and_points(far: Far, layout: str, at: t
 
 
 @given(st.tuples(ANYWHERE, ANYWHERE, ANYWHERE))
-def test_the_offset_added_gives_the_files_points_to_a_bit(far: Far, at: tuple[float, float, float]) -> None:
+def test_the_offset_added_gives_the_files_points_to_a_bit(far, at):
     scene = far.written("colmap", np.array(at))
     stored = pycolmap.Reconstruction(far.folder / "sparse" / "0")
     xyz = np.array([stored.points3D[key].xyz for key in sorted(stored.points3D)])
@@ -107,7 +104,7 @@ def test_the_offset_added_gives_the_files_points_to_a_bit(far: Far, at: tuple[fl
     assert (np.abs(scene.points.xyz + np.array(scene.offset) - xyz) <= step).all()
 
 
-def test_an_ordinary_scene_keeps_its_bits(far: Far) -> None:
+def test_an_ordinary_scene_keeps_its_bits(far):
     scene = far.written("colmap", np.array([3.0, -20.0, 1.0]))
     stored = pycolmap.Reconstruction(far.folder / "sparse" / "0")
     assert scene.offset == NO_OFFSET and not scene.notes
@@ -117,7 +114,7 @@ def test_an_ordinary_scene_keeps_its_bits(far: Far) -> None:
 
 
 @pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), UTM])
-def test_a_point_far_outside_moves_nothing(far: Far, at: tuple[float, float, float]) -> None:
+def test_a_point_far_outside_moves_nothing(far, at):
     usual = far.written("colmap", np.array(at))
     xyz = far.cloud.xyz.copy()
     xyz[3] = 1e9, -1e9, 1e9
@@ -129,7 +126,7 @@ def test_a_point_far_outside_moves_nothing(far: Far, at: tuple[float, float, flo
 
 @pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), UTM])
 @pytest.mark.parametrize("away", [1e6, 1e9, 1e200])
-def test_a_camera_far_outside_is_named(far: Far, at: tuple[float, float, float], away: float) -> None:
+def test_a_camera_far_outside_is_named(far, at, away):
     cameras = list(far.cameras)
     cameras[2] = placed_at(cameras[2], np.array([away, 0.0, 0.0]))
     with pytest.raises(InputError, match="camera of v2 .* scene units away"):
@@ -137,7 +134,7 @@ def test_a_camera_far_outside_is_named(far: Far, at: tuple[float, float, float],
 
 
 @pytest.mark.parametrize("which", ["points", "cameras"])
-def test_points_and_cameras_in_two_frames_are_named(far: Far, which: str) -> None:
+def test_points_and_cameras_in_two_frames_are_named(far, which):
     """All points may fall on one pixel, inside of an image."""
     far.written("nerfstudio", np.zeros(3))
     shutil.rmtree(far.folder / "sparse")
@@ -157,14 +154,14 @@ def test_points_and_cameras_in_two_frames_are_named(far: Far, which: str) -> Non
         load_scene(far.folder)
 
 
-def test_of_two_frames_with_half_of_the_cameras_each_one_is_named(far: Far) -> None:
+def test_of_two_frames_with_half_of_the_cameras_each_one_is_named(far):
     cameras = [placed_at(camera, camera.centre + UTM) for camera in far.cameras[:2]]
     cameras = [*cameras, *far.cameras[2:4]]
     with pytest.raises(InputError, match="scene units away"):
         load_half(far, cameras)
 
 
-def test_positions_that_float32_rounded_are_named(far: Far) -> None:
+def test_positions_that_float32_rounded_are_named(far):
     scene = far.written("nerfstudio", np.array(UTM))
     assert len(scene.notes) == 1
     content = read_json(far.folder / "transforms.json")
@@ -177,11 +174,11 @@ def test_positions_that_float32_rounded_are_named(far: Far) -> None:
     assert "camera positions" in rounded and "0.5 scene units" in rounded and "far from the origin" in moved
 
 
-def test_a_scene_without_extent_stays() -> None:
+def test_a_scene_without_extent_stays():
     assert local_offset(np.array([UTM, UTM]), None) == NO_OFFSET
 
 
-def test_the_offset_is_found_whatever_the_scenes_unit(far: Far) -> None:
+def test_the_offset_is_found_whatever_the_scenes_unit(far):
     for unit in (1e-3, 1.0, 1e4):
         centres = unit * np.array([camera.centre + UTM for camera in far.cameras])
         offset = local_offset(centres, PointCloud(unit * (far.cloud.xyz + UTM), far.cloud.rgb, far.cloud.error))
@@ -189,7 +186,7 @@ def test_the_offset_is_found_whatever_the_scenes_unit(far: Far) -> None:
 
 
 @pytest.mark.parametrize(("digits", "named"), [(17, ""), (6, "note"), (3, "error")])
-def test_cameras_misplaced_by_rounded_rotations_are_named(far: Far, digits: int, named: str) -> None:
+def test_cameras_misplaced_by_rounded_rotations_are_named(far, digits, named):
     far.written("colmap", np.array(UTM))
     model = far.folder / "sparse" / "0"
     read = pycolmap.Reconstruction(model)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,17 +20,17 @@ from dofbench.scenes.undistort import Intrinsics, undistort_image, undistorted
 WIDTH, HEIGHT, COUNT = 40, 30, 4
 
 
-def picture(index: int) -> np.ndarray:
+def picture(index):
     return np.random.default_rng(index).uniform(0.2, 0.8, (HEIGHT, WIDTH, 3)).astype(np.float32)
 
 
-def mask_of(index: int) -> np.ndarray:
+def mask_of(index):
     mask = np.ones((HEIGHT, WIDTH), bool)
     mask[4:20, 3 + 5 * index : 15 + 5 * index] = False
     return mask
 
 
-def scene_in(root: Path, kind: str, junk: int = 0) -> Path:
+def scene_in(root, kind, junk=0):
     """A scene with masks of one kind in every view but the last, and noise under them."""
     names = [f"v{index}.png" for index in range(COUNT)]
     cameras = [frontal(WIDTH, HEIGHT, 40.0, (0.1 * index, 0.0, 0.0)) for index in range(COUNT)]
@@ -59,7 +58,7 @@ def scene_in(root: Path, kind: str, junk: int = 0) -> Path:
 
 
 @pytest.mark.parametrize("kind", ["mask_path", "colmap", "stem", "alpha"])
-def test_masks_are_found_and_said(tmp_path: Path, kind: str) -> None:
+def test_masks_are_found_and_said(tmp_path, kind):
     scene = load_scene(scene_in(tmp_path / "scene", kind))
     for index, view in enumerate(scene.views[:-1]):
         assert np.array_equal(view.mask(), mask_of(index))
@@ -72,13 +71,13 @@ def test_masks_are_found_and_said(tmp_path: Path, kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["mask_path", "colmap", "stem", "alpha"])
 @pytest.mark.parametrize("width", [None, 17])
-def test_nothing_under_a_mask_is_read(tmp_path: Path, kind: str, width: int | None) -> None:
+def test_nothing_under_a_mask_is_read(tmp_path, kind, width):
     one, two = (load_scene(scene_in(tmp_path / str(junk), kind, junk), width=width) for junk in (0, 50))
     for a, b in zip(one.views, two.views, strict=True):
         assert np.array_equal(a.image(), b.image())
 
 
-def test_alpha_may_be_a_background(tmp_path: Path) -> None:
+def test_alpha_may_be_a_background(tmp_path):
     scene = load_scene(scene_in(tmp_path, "alpha"), alpha_channel="background")
     assert scene.views[0].mask is None and (scene.views[0].image()[~mask_of(0)] == 0).all()
     assert scene.notes[-1:] == ("alpha channel of 3 images: composited over black",)
@@ -86,7 +85,7 @@ def test_alpha_may_be_a_background(tmp_path: Path) -> None:
         load_scene(tmp_path, alpha_channel="holes")
 
 
-def test_opaque_alpha_is_no_mask(tmp_path: Path) -> None:
+def test_opaque_alpha_is_no_mask(tmp_path):
     root = scene_in(tmp_path, "none")
     for index in range(COUNT):
         values = np.dstack([picture(index), np.ones((HEIGHT, WIDTH))])
@@ -95,7 +94,7 @@ def test_opaque_alpha_is_no_mask(tmp_path: Path) -> None:
     assert all(view.mask is None for view in scene.views) and not any("alpha" in note for note in scene.notes)
 
 
-def test_a_mask_of_another_shape_without_a_pixel_or_missing_is_refused(tmp_path: Path) -> None:
+def test_a_mask_of_another_shape_without_a_pixel_or_missing_is_refused(tmp_path):
     root = scene_in(tmp_path, "colmap")
     write_mask(root / "masks" / "v0.png.png", np.zeros((HEIGHT, WIDTH), bool))
     with pytest.raises(InputError, match="without a valid pixel"):
@@ -114,21 +113,21 @@ def test_a_mask_of_another_shape_without_a_pixel_or_missing_is_refused(tmp_path:
         load_scene(named)
 
 
-def test_whose_mask_a_file_is_must_be_clear(tmp_path: Path) -> None:
+def test_whose_mask_a_file_is_must_be_clear(tmp_path):
     root = scene_in(tmp_path, "stem")
     shutil.copy(root / "masks" / "v1.PNG", root / "masks" / "v1.bmp")
     with pytest.raises(InputError, match="one mask of"):
         load_scene(root)
 
 
-def test_masks_named_after_no_image_are_named(tmp_path: Path) -> None:
+def test_masks_named_after_no_image_are_named(tmp_path):
     root = scene_in(tmp_path, "none")
     write_mask(root / "masks" / "other.png", mask_of(0))
     assert any("none of them named after an image" in note for note in load_scene(root).notes)
 
 
 @pytest.mark.parametrize("fisheye", [False, True])
-def test_an_undistorted_pixel_is_valid_only_if_all_its_samples_are(fisheye: bool) -> None:
+def test_an_undistorted_pixel_is_valid_only_if_all_its_samples_are(fisheye):
     lens = Intrinsics(60, 45, 50.0, 50.0, 30.0, 22.5, (0.1, 0.02) if fisheye else (-0.2, 0.05), fisheye)
     mask = np.ones((45, 60), bool)
     mask[10:20, 15:30] = False
@@ -143,7 +142,7 @@ def test_an_undistorted_pixel_is_valid_only_if_all_its_samples_are(fisheye: bool
     assert undistorted(lens).width == 60
 
 
-def test_a_filled_image_has_the_nearest_valid_pixels() -> None:
+def test_a_filled_image_has_the_nearest_valid_pixels():
     image, mask = picture(0), mask_of(0)
     found = filled(image, mask)
     assert np.array_equal(found[mask], image[mask])
@@ -154,13 +153,13 @@ def test_a_filled_image_has_the_nearest_valid_pixels() -> None:
         assert any(np.array_equal(found[row, column], image[y, x]) for y, x in near)
 
 
-def test_a_shrunk_pixel_is_valid_only_if_all_that_it_averages_is() -> None:
+def test_a_shrunk_pixel_is_valid_only_if_all_that_it_averages_is():
     mask = np.ones((HEIGHT, WIDTH), bool)
     mask[7, 11] = False
     assert np.array_equal(np.argwhere(~shrunk_mask(mask, WIDTH // 2, HEIGHT // 2)), [[3, 5]])
 
 
-def test_a_jpeg_mask_counts_from_mid_grey_and_others_above_black(tmp_path: Path) -> None:
+def test_a_jpeg_mask_counts_from_mid_grey_and_others_above_black(tmp_path):
     grey = np.full((16, 16), 3, np.uint8)
     for name, expected in (("a.png", True), ("a.jpg", False)):
         Image.fromarray(grey).save(tmp_path / name)

@@ -13,7 +13,7 @@ FIELDS = [("x", "f4"), ("y", "f4"), ("z", "f8"), ("red", "u1"), ("green", "u1"),
 VALUES = [(1.0, 2.0, 3.5, 255, 0, 51), (-1.0, 0.25, 9.0, 0, 102, 255)]
 
 
-def binary(order: str) -> bytes:
+def binary(order):
     return np.array(VALUES, dtype=[(name, order + code) for name, code in FIELDS]).tobytes()
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +16,7 @@ COUNT = 12
 FILES = [f"images/{index:02d}.png" for index in range(COUNT)]
 
 
-def looking(inwards: bool = True, target: tuple[float, float, float] = (0.3, 0.2, -0.1)) -> list[Camera]:
+def looking(inwards=True, target=(0.3, 0.2, -0.1)):
     """Cameras on two thirds of a circle, a little up and down, that look at a target, or away from it."""
     cameras = []
     for index in range(COUNT):
@@ -36,13 +34,13 @@ def looking(inwards: bool = True, target: tuple[float, float, float] = (0.3, 0.2
 
 
 @pytest.fixture
-def folder(tmp_path: Path, write_images: Callable) -> Path:
+def folder(tmp_path, write_images):
     write_images(tmp_path, FILES)
     write_transforms(tmp_path / "transforms.json", FILES, looking())
     return tmp_path
 
 
-def change(folder: Path, of_matrix: Callable[[np.ndarray], np.ndarray]) -> None:
+def change(folder, of_matrix):
     file = folder / "transforms.json"
     content = json.loads(file.read_text())
     for frame in content["frames"]:
@@ -53,7 +51,7 @@ def change(folder: Path, of_matrix: Callable[[np.ndarray], np.ndarray]) -> None:
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
-def test_good_poses_have_no_note_but_are_said_to_be_unchecked(folder: Path, capsys: pytest.CaptureFixture) -> None:
+def test_good_poses_have_no_note_but_are_said_to_be_unchecked(folder, capsys):
     scene = load_scene(folder)
     assert not scene.notes
     print_notes(scene)
@@ -68,32 +66,32 @@ def test_good_poses_have_no_note_but_are_said_to_be_unchecked(folder: Path, caps
         (lambda m: np.linalg.inv(m @ FLIP), "inverted"),  # OpenCV's, world-to-camera
     ],
 )
-def test_other_conventions_are_named(folder: Path, of_matrix: Callable, said: str) -> None:
+def test_other_conventions_are_named(folder, of_matrix, said):
     change(folder, of_matrix)
     assert any(said in note for note in load_scene(folder).notes)
 
 
-def test_world_to_camera_matrices_of_an_orbit_about_the_origin(folder: Path) -> None:
+def test_world_to_camera_matrices_of_an_orbit_about_the_origin(folder):
     """All cameras stand at one place then."""
     write_transforms(folder / "transforms.json", FILES, looking(target=(0.0, 0.0, 0.0)))
     change(folder, np.linalg.inv)
     assert any("inverted" in note for note in load_scene(folder).notes)
 
 
-def test_looking_outwards_may_be_meant(folder: Path) -> None:
+def test_looking_outwards_may_be_meant(folder):
     write_transforms(folder / "transforms.json", FILES, looking(inwards=False))
     assert any("look outwards" in note for note in load_scene(folder).notes)
 
 
-def test_near_parallel_axes_say_nothing(folder: Path, make_cameras: Callable) -> None:
+def test_near_parallel_axes_say_nothing(folder, make_cameras):
     write_transforms(folder / "transforms.json", FILES, make_cameras(COUNT))
     assert not load_scene(folder).notes
     change(folder, lambda m: m @ FLIP)
     assert not load_scene(folder).notes
 
 
-def test_one_position_and_one_pose_are_said(folder: Path) -> None:
-    def still(matrix: np.ndarray) -> np.ndarray:
+def test_one_position_and_one_pose_are_said(folder):
+    def still(matrix):
         return np.block([[matrix[:3, :3], np.full((3, 1), 2.0)], [np.zeros((1, 3)), np.ones((1, 1))]])
 
     change(folder, still)
@@ -102,7 +100,7 @@ def test_one_position_and_one_pose_are_said(folder: Path) -> None:
     assert any("12 cameras have one pose" in note for note in load_scene(folder).notes)
 
 
-def test_points_check_poses(folder: Path, make_cloud: Callable, capsys: pytest.CaptureFixture) -> None:
+def test_points_check_poses(folder, make_cloud, capsys):
     cameras = looking(inwards=False)
     (folder / "transforms.json").unlink()
     rng = np.random.default_rng(0)

@@ -12,7 +12,7 @@ from dofbench.core.errors import InputError
 from dofbench.scenes.readers.poses import Mended, invert, llff_to_opencv, opencv_to_llff, opengl_to_opencv, rigid
 
 
-def random_pose(seed: int) -> np.ndarray:
+def random_pose(seed):
     rng = np.random.default_rng(seed)
     rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     rotation[:, 0] *= np.sign(np.linalg.det(rotation))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,7 @@ EXPECTED = ["IMG_1", "IMG_4"]
 
 
 @pytest.fixture
-def folder(tmp_path: Path, make_cameras: Callable, make_cloud: Callable, write_images: Callable) -> Path:
+def folder(tmp_path, make_cameras, make_cloud, write_images):
     """A COLMAP scene whose images are PNGs in images/, though the model has cameras' names."""
     cameras = make_cameras(COUNT)
     write_images(tmp_path / "images", [name.replace("JPG", "png") for name in NAMES])
@@ -28,7 +27,7 @@ def folder(tmp_path: Path, make_cameras: Callable, make_cloud: Callable, write_i
     return tmp_path
 
 
-def lines(names: list[str]) -> str:
+def lines(names):
     return "\n".join(names) + "\n"
 
 
@@ -50,7 +49,7 @@ def lines(names: list[str]) -> str:
         ),
     ],
 )
-def test_named_views_are_test_views(folder: Path, write: Callable, spelled: Callable) -> None:
+def test_named_views_are_test_views(folder, write, spelled):
     write(folder, [spelled(name) for name in TEST], [spelled(name) for name in TRAIN])
     scene = load_scene(folder)
     assert [view.name for view in scene.test_views()] == EXPECTED
@@ -58,7 +57,7 @@ def test_named_views_are_test_views(folder: Path, write: Callable, spelled: Call
     assert any(scene.split_by in note for note in scene.notes)
 
 
-def test_an_explicit_hold_goes_first_and_is_said(folder: Path) -> None:
+def test_an_explicit_hold_goes_first_and_is_said(folder):
     default = load_scene(folder)
     assert default.split_by == "hold 8 (default)" and not any("split" in note for note in default.notes)
     (folder / "test.txt").write_text(lines(TEST))
@@ -67,7 +66,7 @@ def test_an_explicit_hold_goes_first_and_is_said(folder: Path) -> None:
     assert any("test.txt" in note for note in scene.notes)
 
 
-def test_files_that_agree_may_be_several(folder: Path) -> None:
+def test_files_that_agree_may_be_several(folder):
     (folder / "test.txt").write_text(lines(TEST))
     (folder / "sparse/0/test.txt").write_text(lines(TEST[::-1]))
     assert [view.name for view in load_scene(folder).test_views()] == EXPECTED
@@ -76,7 +75,7 @@ def test_files_that_agree_may_be_several(folder: Path) -> None:
         load_scene(folder)
 
 
-def test_views_for_validation_alone_are_skipped(folder: Path) -> None:
+def test_views_for_validation_alone_are_skipped(folder):
     (folder / "split.json").write_text(json.dumps({"train": TRAIN[:3], "test": TEST, "val": TRAIN[3:]}))
     scene = load_scene(folder)
     assert [view.name for view in scene.views] == ["IMG_0", "IMG_1", "IMG_2", "IMG_3", "IMG_4"]
@@ -84,7 +83,7 @@ def test_views_for_validation_alone_are_skipped(folder: Path) -> None:
     assert any("1 for validation alone skipped" in note for note in scene.notes)
 
 
-def test_images_without_a_pose_may_be_named(folder: Path, write_images: Callable) -> None:
+def test_images_without_a_pose_may_be_named(folder, write_images):
     write_images(folder / "images", ["IMG_9.png"])
     (folder / "test.txt").write_text(lines([*TEST, "IMG_9.JPG"]))
     assert [view.name for view in load_scene(folder).test_views()] == EXPECTED
@@ -103,9 +102,7 @@ def test_images_without_a_pose_may_be_named(folder: Path, write_images: Callable
         (["0", "2"], None, "0, 2 in test"),  # numbers are no names
     ],
 )
-def test_contradictions_and_strangers_are_refused(
-    folder: Path, test: list[str], train: list[str] | None, said: str
-) -> None:
+def test_contradictions_and_strangers_are_refused(folder, test, train, said):
     (folder / "test.txt").write_text(lines(test))
     if train is not None:
         (folder / "train.txt").write_text(lines(train))
@@ -115,15 +112,13 @@ def test_contradictions_and_strangers_are_refused(
 
 
 @pytest.mark.parametrize("text", ["[1, 2]", "{}", '{"test": "IMG_1"}', '{"test": [1]}', "{", "[" * 100_000])
-def test_json_that_is_no_split_is_refused(folder: Path, text: str) -> None:
+def test_json_that_is_no_split_is_refused(folder, text):
     (folder / "split.json").write_text(text)
     with pytest.raises(InputError, match=r"split\.json"):
         load_scene(folder)
 
 
-def test_names_that_several_views_have_are_refused(
-    tmp_path: Path, make_cameras: Callable, write_images: Callable
-) -> None:
+def test_names_that_several_views_have_are_refused(tmp_path, make_cameras, write_images):
     names = ["left/a.png", "right/a.png", "left/b.png"]
     write_images(tmp_path / "images", names)
     write_colmap(tmp_path, names, make_cameras(3), None)
@@ -134,7 +129,7 @@ def test_names_that_several_views_have_are_refused(
     assert [view.name for view in load_scene(tmp_path).test_views()] == ["left_b", "right_a"]
 
 
-def test_lists_of_transforms_json_and_files(tmp_path: Path, make_cameras: Callable, write_images: Callable) -> None:
+def test_lists_of_transforms_json_and_files(tmp_path, make_cameras, write_images):
     paths = [f"images/{index}.png" for index in range(4)]
     write_images(tmp_path, paths)
     splits = ["train", "test", "train", "train"]
@@ -148,14 +143,14 @@ def test_lists_of_transforms_json_and_files(tmp_path: Path, make_cameras: Callab
         load_scene(tmp_path)
 
 
-def table(rows: list[tuple[str, str, str]], separator: str = "\t") -> str:
+def table(rows, separator="\t"):
     """Phototourism's: filename, id, split, dataset."""
     lines_of = [("filename", "id", "split", "dataset"), *((*row, "gate") for row in rows)]
     return "\n".join(separator.join(row) for row in lines_of) + "\n"
 
 
 @pytest.mark.parametrize(("file", "separator"), [("split.tsv", "\t"), ("split.csv", ","), ("brandenburg.tsv", "\t")])
-def test_a_table_names_views_of_neither_part_too(folder: Path, file: str, separator: str) -> None:
+def test_a_table_names_views_of_neither_part_too(folder, file, separator):
     rows = [(NAMES[0], "1", "train"), (NAMES[1], "2", "test"), (NAMES[2], "", "test"), (NAMES[3], "4", "train")]
     (folder / file).write_text(table([*rows, (NAMES[4], "5", "")], separator))
     scene = load_scene(folder)
@@ -178,14 +173,14 @@ def test_a_table_names_views_of_neither_part_too(folder: Path, file: str, separa
         ("", "columns none"),
     ],
 )
-def test_tables_that_are_no_split_are_refused(folder: Path, text: str, said: str) -> None:
+def test_tables_that_are_no_split_are_refused(folder, text, said):
     (folder / "split.tsv").write_text(text)
     with pytest.raises(InputError, match=said):
         load_scene(folder)
 
 
 @pytest.mark.parametrize("key", ["{}_filenames", "{}_ids", "{}_images"])
-def test_lists_in_json_by_other_names(folder: Path, key: str) -> None:
+def test_lists_in_json_by_other_names(folder, key):
     names = [name.removesuffix(".JPG") if "ids" in key else name for name in TEST]
     (folder / "split.json").write_text(json.dumps({key.format("test"): names}))
     assert [view.name for view in load_scene(folder).test_views()] == EXPECTED
@@ -194,7 +189,7 @@ def test_lists_in_json_by_other_names(folder: Path, key: str) -> None:
         load_scene(folder)
 
 
-def test_indices_are_refused_and_unknown_files_named(folder: Path) -> None:
+def test_indices_are_refused_and_unknown_files_named(folder):
     (folder / "split.json").write_text(json.dumps({"train": [0, 2, 3, 5], "test": [1, 4]}))
     with pytest.raises(InputError, match="indices in train and test"):
         load_scene(folder)
@@ -204,7 +199,7 @@ def test_indices_are_refused_and_unknown_files_named(folder: Path) -> None:
     assert not any("splits.json" in note for note in load_scene(folder).notes)
 
 
-def test_test_frames_are_test_views(tmp_path: Path, make_cameras: Callable, write_images: Callable) -> None:
+def test_test_frames_are_test_views(tmp_path, make_cameras, write_images):
     paths = [f"images/{index}.png" for index in range(4)]
     write_images(tmp_path, paths)
     file = tmp_path / "transforms.json"
@@ -221,9 +216,7 @@ def test_test_frames_are_test_views(tmp_path: Path, make_cameras: Callable, writ
 
 
 @pytest.mark.parametrize("layout", ["colmap", "nerfstudio", "llff"])
-def test_skipped_images_do_not_move_test_views(
-    tmp_path: Path, make_cameras: Callable, write_images: Callable, make_cloud: Callable, layout: str
-) -> None:
+def test_skipped_images_do_not_move_test_views(tmp_path, make_cameras, write_images, make_cloud, layout):
     names = [f"{index:02d}.png" for index in range(20)]
     cameras = make_cameras(20)
     write_images(tmp_path / "images", names)

@@ -6,15 +6,7 @@ import pycolmap
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tolerances import (
-    FLOAT32_VALUE,
-    FLOAT64_VALUE,
-    GIVEN_AWAY,
-    OPENCV_ALPHA,
-    RESAMPLED,
-    TABLE_PIXEL,
-    UNDISTORTED_PIXEL,
-)
+from tolerances import FLOAT32_VALUE, FLOAT64_VALUE, GIVEN_AWAY, OPENCV_ALPHA, RESAMPLED, TABLE_PIXEL, UNDISTORTED_PIXEL
 
 from dofbench.core.errors import InputError
 from dofbench.scenes.undistort import (
@@ -40,11 +32,11 @@ PYCOLMAP = {"barrel": "OPENCV", "pincushion": "RADIAL", "rational": "FULL_OPENCV
 lenses = pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES)
 
 
-def rays(count: int = 200) -> np.ndarray:
+def rays(count=200):
     return np.random.default_rng(0).uniform(-0.5, 0.5, (count, 2))
 
 
-def to_pixels(lens: Intrinsics, xy: np.ndarray) -> np.ndarray:
+def to_pixels(lens, xy):
     return distort(lens, xy) * (lens.fx, lens.fy) + (lens.cx, lens.cy)
 
 

@@ -1,9 +1,8 @@
-"""A network's map to disparity in scene units: a robust scale and shift from the sparse points.
+"""Align a network's map to disparity in scene units: a robust scale and shift from the sparse points.
 
-Where the network gives disparity, disparity = scale * output + shift. Where it gives depth, depth = scale * output +
-shift, and an error of depth counts divided by the squared depth, which to first order is its error in disparity.
-Started by least median of squares (Rousseeuw, 1984), so that up to half of the points may be wrong, then least squares
-reweighted until it rests (Geman-McClure).
+disparity = scale * output + shift, or for a network of depth, depth = scale * output + shift with errors divided by the
+squared depth (their error in disparity to first order). Initialised by least median of squares (Rousseeuw, 1984), so
+that half of the points may be wrong, then least squares reweighted to convergence (Geman-McClure).
 """
 
 from __future__ import annotations
@@ -26,10 +25,8 @@ Freedom = Literal["scale-shift", "scale", "none"]
 
 @dataclass(frozen=True)
 class Alignment:
-    """scale, shift: of the network's output. inliers: share of the points. residual: median, in disparity.
-
-    shared: found from all views together, since this one had too few points.
-    """
+    """scale, shift: of the network's output. inliers: share of the points. residual: median, in disparity. shared: from
+    all views together, as this one had too few points."""
 
     scale: float
     shift: float
@@ -38,7 +35,7 @@ class Alignment:
     shared: bool = False
 
     def disparity(self, output: np.ndarray, meaning: Output) -> np.ndarray:
-        """Disparity, 1 / scene unit, of a map; of depth that is not positive, infinite."""
+        """Disparity of a map, 1 / scene unit; infinite for depth that is not positive."""
         aligned = self.scale * output.astype(np.float64) + self.shift
         if meaning == "disparity":
             return aligned
@@ -58,10 +55,9 @@ def middle(alignments: Sequence[Alignment]) -> Alignment:
 def fit(
     output: np.ndarray, disparity: np.ndarray, weight: np.ndarray, meaning: Output, freedom: Freedom
 ) -> Alignment | None:
-    """The alignment of the network's output (M,) with the points' disparity (M,), or None where there is none.
+    """Align the network's output (M,) with the points' disparity (M,); weight: (M,), 0 ... 1.
 
-    weight: (M,), 0 ... 1. There is none with fewer than `ENOUGH` points, or when the best one has
-    what is nearer farther away (scale <= 0).
+    None with fewer than `ENOUGH` points, or where the best scale is not positive.
     """
     if len(output) < ENOUGH:
         return None

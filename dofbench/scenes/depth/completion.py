@@ -1,4 +1,4 @@
-"""Edge-aware completion: from disparity at scattered pixels to disparity everywhere, guided by the colour image.
+"""Edge-aware completion of disparity at scattered pixels, guided by the colour image.
 
 Minimises over the disparity q, with p, p' neighbouring pixels and i the sightings:
 
@@ -41,10 +41,10 @@ class Completion:
 
 
 def complete(image: np.ndarray, sightings: Sightings, extent: float) -> Completion:
-    """Disparity everywhere from the sightings, which must be at least one.
+    """Complete the disparity of at least one sighting to all pixels.
 
-    image: (H, W, 3) float32, encoded. extent: range of the scene's disparities, 1 / scene unit. The same
-    input gives the same bits whatever the number of threads: nothing is summed by a threaded library.
+    image: (H, W, 3) float32, encoded. extent: range of the scene's disparities, 1 / scene unit. Gives the same bits for
+    any number of threads: no threaded library sums.
     """
     height, width = image.shape[:2]
     widths = [min(width, _FINEST)]
@@ -75,23 +75,19 @@ class _System:
 
     def __init__(self, image: np.ndarray, sightings: Sightings, columns: int, rows: int, extent: float):
         self.columns, self.rows, self._extent = columns, rows, extent
-        small = (
-            cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA)
-            if image.shape[:2] != (rows, columns)
-            else image
-        )
+        small = image
+        if image.shape[:2] != (rows, columns):
+            small = cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA)
         lab = cv2.cvtColor(np.ascontiguousarray(small, dtype=np.float32), cv2.COLOR_RGB2LAB) / 100
         index = np.arange(rows * columns).reshape(rows, columns)
         first = np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()])
         second = np.concatenate([index[:, 1:].ravel(), index[1:].ravel()])
         colours = lab.reshape(-1, 3)
         self._affinity = np.exp(-_EDGE * np.linalg.norm(colours[first] - colours[second], axis=1)) + _LEAK
-        links = np.arange(len(first))
-        one = np.ones(len(first))
-        self._difference = sparse.csr_matrix(
-            (np.concatenate([one, -one]), (np.concatenate([links, links]), np.concatenate([first, second]))),
-            shape=(len(first), index.size),
-        )
+        links, one = np.arange(len(first)), np.ones(len(first))
+        places = np.concatenate([links, links]), np.concatenate([first, second])
+        shape = (len(first), index.size)
+        self._difference = sparse.csr_matrix((np.concatenate([one, -one]), places), shape=shape)
         here = sightings.scaled(columns / image.shape[1], rows / image.shape[0])
         self.at_sightings = _bilinear(here.xy, columns, rows)
         self._data, self._weight = sightings.disparity, sightings.weight

@@ -6,6 +6,7 @@ before it; `load_folded` reads that file back into a network that can be trained
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -51,20 +52,13 @@ class DepthNet(nn.Module):
         super().__init__()
         c = CHANNELS
         self.stem = _Conv(3, c[0], 2, folded=folded)
-        self.down = nn.ModuleList(
-            [
-                nn.Sequential(_Conv(c[index], c[index + 1], 2, folded=folded), _Residual(c[index + 1], folded))
-                for index in range(len(c) - 1)
-            ]
-        )
+        pairs = itertools.pairwise(c)
+        stages = [nn.Sequential(_Conv(a, b, 2, folded=folded), _Residual(b, folded)) for a, b in pairs]
+        self.down = nn.ModuleList(stages)
         # Global context: the mean over all positions is added to each position.
         self.context = nn.Sequential(nn.Conv2d(c[4], c[4], 1), nn.ReLU(inplace=True))
-        self.up = nn.ModuleList(
-            [
-                _Conv(inputs, outputs, folded=folded)
-                for inputs, outputs in ((c[4] + c[3], 80), (80 + c[2], 56), (56 + c[1], 32))
-            ]
-        )
+        widths = ((c[4] + c[3], 80), (80 + c[2], 56), (56 + c[1], 32))
+        self.up = nn.ModuleList([_Conv(inputs, outputs, folded=folded) for inputs, outputs in widths])
         self.narrow = nn.Conv2d(32, 16, 1)
         self.last = _Conv(16 + c[0], 16, folded=folded)
         self.head = nn.Conv2d(16, 1, 3, padding=1)
@@ -102,10 +96,7 @@ def load_folded(file: Path) -> DepthNet:
 
 
 def _convolutions(file: Path) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Read (weight, bias), float32, of each convolution in the order in which they run.
-
-    Follows casts, which files of half precision have between weight and convolution.
-    """
+    """(weight, bias), float32, of each convolution in running order; casts of half precision are followed."""
     import onnx  # slow to import, and only needed here
 
     try:

@@ -13,13 +13,11 @@ VIEW_PERCENTILES = (0.0, 95.0)  # minimum and 95th percentile, as the released D
 
 
 def scene_range(depth_maps: Callable[[], Iterable[np.ndarray]]) -> DisparityRange:
-    """Percentiles 1 and 99 of the disparity of all known pixels of all views.
+    """Percentiles 1 and 99 of the disparity of all known pixels of all views, as `DisparityRange.of_disparity`.
 
-    depth_maps: called twice; each call yields every view's depth (H, W) float32, scene units, 0 where
-    unknown. The result is what `DisparityRange.of_disparity` gives for all pixels at once: positive
-    float32 values sort as their bit patterns do, so counting upper halves, then the lower halves of
-    the few upper halves that matter, finds any rank without a sort and without keeping a map.
-    Raises ValueError when no pixel is known.
+    depth_maps: called twice, yields every view's depth (H, W) float32, scene units, 0 where unknown. Positive float32
+    values sort as their bit patterns, so counting upper halves, then the lower halves of the few that matter, finds any
+    rank without keeping a map. Raises ValueError when no pixel is known.
     """
     upper = np.zeros(1 << 16, dtype=np.int64)
     for depth in depth_maps():

@@ -21,19 +21,15 @@ def require_depth(scene: Scene) -> None:
     """Raise InputError unless every view of the scene has depth."""
     missing = [view.name for view in scene.views if view.depth is None]
     if missing:
-        raise InputError(
-            scene.root,
-            f"no depth for {len(missing)} of {len(scene.views)} views ({missing[0]} first)",
-            "depth of every view for --depth given",
-        )
+        found = f"no depth for {len(missing)} of {len(scene.views)} views ({missing[0]} first)"
+        raise InputError(scene.root, found, "depth of every view for --depth given")
 
 
 def with_folder_depth(scene: Scene, folder: Path, unit: float) -> Scene:
-    """The scene with z-depth from a folder of maps in place of its own.
+    """The scene with z-depth from a folder of maps, of the views' size, times `unit`, in scene units.
 
-    A view's map is VIEW or its image's file name, followed by .exr, .png, .npy, .bin, .geometric.bin or
-    .photometric.bin, of the view's size; times `unit` it is in scene units. Raises InputError for a folder that isn't
-    there and a view without a map, or with several.
+    A map is named after its view or image file, with suffix .exr, .png, .npy, .bin, .geometric.bin or .photometric.bin.
+    Raises InputError for a missing folder, and a view without a map or with several.
     """
     if not folder.is_dir():
         raise InputError(folder, "no such folder", "a folder of depth maps")

@@ -1,9 +1,8 @@
-"""Do the views agree on depth? Reprojection consistency of every view with a few neighbours.
+"""Reprojection consistency of every view's depth with a few neighbours.
 
-A pixel is lifted by its depth and projected into the neighbour, where the two disparities should be equal. Where the
-neighbour sees something nearer, that may be an occluder: it is if, lifted and projected back, it agrees with the
-first view too; then the pair says nothing about the pixel. Otherwise the views contradict each other. So a view
-whose depth is off by a factor cannot pass for one that is hidden everywhere.
+A pixel is lifted by its depth and projected into the neighbour, where both disparities should be equal. Where the
+neighbour's is nearer, it is an occluder if, projected back, it agrees with the first view; then the pixel is ignored.
+Otherwise the views contradict each other, so that depth off by a factor doesn't pass for hidden.
 """
 
 from __future__ import annotations
@@ -35,13 +34,11 @@ UNREMARKABLE, UNREMARKABLE_SHARE = 0.02, 0.1
 
 @dataclass(frozen=True)
 class Consistency:
-    """How far a view's depth agrees with its neighbours'. None: no neighbour shares enough of the view.
+    """Agreement of a view's depth with the median neighbour's (by difference), so that a wrong neighbour counts little.
 
-    compared: share of the view's known pixels that land on known depth of a neighbour, and aren't hidden there.
-    consistent: share of those whose disparities differ by 5 % at most. difference: median relative
-    difference of disparity; bias: its median with the sign, positive where this view says nearer;
-    coc_px: median difference as a CoC radius at A = 1, pixels. They are those of the neighbour in the
-    middle by difference, or before the middle, so that a view isn't blamed for a neighbour that is off.
+    compared: share of the view's known pixels on known, unhidden depth of the neighbour. consistent: share of those
+    whose disparities differ by at most 5 %. difference: median relative difference of disparity; bias: signed, positive
+    where this view is nearer; coc_px: median difference as a CoC radius at A = 1, pixels.
     """
 
     neighbours: tuple[str, ...]
@@ -60,9 +57,10 @@ def consistencies(
     disparity_range: DisparityRange,
     progress: Callable[[int], None] | None = None,
 ) -> list[Consistency | None]:
-    """One for every view. depth_of: index of a view to its z-depth (H, W), scene units, 0 where unknown.
+    """Consistency of every view; None where no neighbour shares enough of it.
 
-    points.views index into the views. progress: called with the number of views done.
+    depth_of: gives a view's z-depth (H, W) by index, scene units, 0 where unknown. points.views index into the views.
+    progress: called with the number of views done.
     """
     read = lru_cache(maxsize=4 * NEIGHBOURS)(depth_of)
     found: list[Consistency | None] = []
@@ -76,11 +74,10 @@ def consistencies(
 
 
 def views_off(found: Sequence[Consistency | None]) -> list[int]:
-    """Indices of the views whose depth disagrees with their neighbours'.
+    """Indices of views whose depth disagrees with their neighbours'.
 
-    A view is off when its median relative difference of disparity exceeds 20 %; or when that exceeds 2 %
-    and 4 times the median of all the other views'; or when the share of its pixels that disagree does
-    so with 10 % (two alike views' maps swapped differ at their outlines alone).
+    The median relative difference of disparity exceeds 20 %, or 2 % and 4 times the other views' median; or the share
+    of disagreeing pixels exceeds 10 % and 4 times theirs (swapped maps of similar views differ at outlines only).
     """
     known = [(index, one.difference, 1 - one.consistent) for index, one in enumerate(found) if one is not None]
     off = []
@@ -114,11 +111,9 @@ def neighbours(cameras: Sequence[Camera], points: PointCloud | None) -> list[lis
         shared = (sight.T @ sight).toarray()
     chosen = []
     for index in range(count):
-        order = sorted(
-            (other for other in range(count) if other != index),
-            key=lambda other: (-shared[index, other], away[index, other]),
-        )
-        chosen.append(order[:NEIGHBOURS])
+        others = [other for other in range(count) if other != index]
+        others.sort(key=lambda other: (-shared[index, other], away[index, other]))
+        chosen.append(others[:NEIGHBOURS])
     return chosen
 
 
@@ -150,9 +145,8 @@ def _compare(camera: Camera, depth: np.ndarray, other: Camera, other_depth: np.n
     # The neighbour shows something nearer there: find where this view shows it.
     nearer = theirs > mine * (1 + AGREEMENT)
     hidden = np.zeros(len(mine), dtype=bool)
-    back, back_row, back_column, back_z = _look_up(
-        camera, depth, _lift(other, row[nearer], column[nearer], there[nearer])
-    )
+    occluders = _lift(other, row[nearer], column[nearer], there[nearer])
+    back, back_row, back_column, back_z = _look_up(camera, depth, occluders)
     agree = np.abs(back_z / depth[back_row, back_column] - 1) <= AGREEMENT
     hidden[np.flatnonzero(nearer)[np.flatnonzero(back)[agree]]] = True
     difference = (mine - theirs)[~hidden]

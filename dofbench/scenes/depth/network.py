@@ -1,4 +1,4 @@
-"""A depth network in ONNX, and the side file that says how to feed it and what it gives."""
+"""A depth network in ONNX, and the side file that describes its input and output."""
 
 from __future__ import annotations
 
@@ -43,13 +43,12 @@ PRESETS: dict[str, dict[str, Any]] = {
 
 
 class Description(BaseModel):
-    """The side file NETWORK.onnx.toml. Exactly one of size, shortest and longest must be there, or in the preset.
+    """The side file NETWORK.onnx.toml, with exactly one of size, shortest and longest, or a preset's.
 
-    size: (width, height) in pixels, whatever the image's shape. shortest, longest: pixels of that
-    side, the shape kept but for rounding to `multiple`. mean, std: by channel, after scaling to
-    0 ... full_scale. colour: order of the channels. output: what the network gives, larger is nearer
-    (disparity) or farther (depth). align: what has to be found from the sparse points; none where the
-    output is in scene units already. tensor: the output's name, where there are several images.
+    size: (width, height), pixels. shortest, longest: pixels of that side, the aspect ratio kept but for rounding to
+    `multiple`. mean, std: by channel, after scaling to 0 ... full_scale. output: disparity (larger is nearer) or depth.
+    align: fitted to the sparse points; none for output in scene units. tensor: the output's name, where there are
+    several maps.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -91,17 +90,16 @@ class Description(BaseModel):
         """(width, height) that an image of that size is resized to."""
         if self.size is not None:
             return self.size
-        scale = (
-            self.shortest / min(width, height)
-            if self.shortest is not None
-            else (self.longest or 0) / max(width, height)
-        )
+        if self.shortest is not None:
+            scale = self.shortest / min(width, height)
+        else:
+            scale = (self.longest or 0) / max(width, height)
         whole = [max(self.multiple, round(side * scale / self.multiple) * self.multiple) for side in (width, height)]
         return whole[0], whole[1]
 
 
 def find_network(name: str) -> Path:
-    """The file that NAME in `onnx:NAME` means: a file, or a network that dofbench ships. Raises InputError."""
+    """The file of NAME in `onnx:NAME`: a path, or a network shipped with dofbench. Raises InputError."""
     shipped = content_folder("datasets") / name / f"{name}.onnx"
     if Path(name).is_file():
         return Path(name)
@@ -111,12 +109,12 @@ def find_network(name: str) -> Path:
 
 
 def side_file(network: Path) -> Path:
-    """Where a network's description stands: beside it, NETWORK.onnx.toml."""
+    """The path of a network's description, NETWORK.onnx.toml next to it."""
     return network.with_name(f"{network.name}.toml")
 
 
 def network_digest(network: Path) -> dict[str, str]:
-    """What a network is, by content: sha256 of it and of its side file. Raises InputError when that is missing."""
+    """sha256 of a network and its side file. Raises InputError when that is missing."""
     beside = side_file(network)
     if not beside.is_file():
         raise InputError(beside, "no such file", _EXPECTED)
@@ -130,10 +128,8 @@ def read_description(network: Path) -> Description:
     try:
         return Description.model_validate(values)
     except ValidationError as error:
-        problems = "; ".join(
-            f"{'.'.join(map(str, problem['loc'])) or 'file'}: {problem['msg'].removeprefix('Value error, ')}"
-            for problem in error.errors()
-        )
+        found = [(".".join(map(str, problem["loc"])) or "file", problem["msg"]) for problem in error.errors()]
+        problems = "; ".join(f"{place}: {message.removeprefix('Value error, ')}" for place, message in found)
         raise InputError(path, problems, _EXPECTED) from None
 
 
@@ -170,21 +166,17 @@ class Network:
         self._names = names if self.description.tensor is None else [self.description.tensor]
 
     def predict(self, image: np.ndarray, view: str) -> np.ndarray:
-        """The network's map (h, w) float32 of an image (H, W, 3) float32, encoded; h and w are the network's own.
+        """The network's map (h, w) float32, at its own size, of an encoded image (H, W, 3) float32.
 
-        view: its name, for messages. Raises InputError when the network refuses the image, gives no
-        map or several, or anything that is not finite.
+        view: its name, for messages. Raises InputError when the network fails, gives no map or several, or values that
+        are not finite.
         """
         prepared = self._prepared(image)
         try:
             outputs = self._session.run(self._names, {self._input.name: prepared})
         except Exception as error:
-            size = f"{prepared.shape[3]}x{prepared.shape[2]} pixels"
-            raise InputError(
-                self.file,
-                f"a failure on view {view}, {size} ({_first_line(error)})",
-                f"a network that takes what {side_file(self.file).name} says",
-            ) from None
+            found = f"a failure on view {view}, {prepared.shape[3]}x{prepared.shape[2]} pixels ({_first_line(error)})"
+            raise InputError(self.file, found, f"a network that takes what {side_file(self.file).name} says") from None
         maps = [np.squeeze(output) for output in outputs]
         maps = [one for one in maps if one.ndim == 2 and min(one.shape) > 1]
         if len(maps) != 1:

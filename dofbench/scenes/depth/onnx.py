@@ -76,11 +76,9 @@ class OnnxDepth:
         else:
             middle = float(np.median(disparity))
             if not middle > 0:
-                raise InputError(
-                    self._network.file,
-                    f"a median disparity of {middle:g} for view {view.name}",
-                    f"positive values, or another align than none in {side_file(self._network.file).name}",
-                )
+                negative = f"a median disparity of {middle:g} for view {view.name}"
+                cure = f"positive values, or another align than none in {side_file(self._network.file).name}"
+                raise InputError(self._network.file, negative, cure)
             floor, ceiling = _OWN_FLOOR * middle, middle / _OWN_FLOOR
         disparity, outside = clipped(disparity, floor, ceiling)
         # Disparity is what is interpolated, not depth: blur is linear in it.
@@ -145,9 +143,7 @@ def _aligned(pairs: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]], networ
         # The network's scale differs so much between views that no common line fits all of them.
         shared = middle(aligned)
     if shared is None:
-        raise InputError(
-            network.file,
-            f"an output that does not follow the {len(everything[0])} sightings of sparse points",
-            f"at least {ENOUGH} that it follows; is it {meaning}, as {side_file(network.file).name} says?",
-        )
+        expected = f"at least {ENOUGH} that it follows; is it {meaning}, as {side_file(network.file).name} says?"
+        found = f"an output that does not follow the {len(everything[0])} sightings of sparse points"
+        raise InputError(network.file, found, expected)
     return {name: found or replace(shared, shared=True) for name, found in own.items()}

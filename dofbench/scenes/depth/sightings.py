@@ -1,4 +1,4 @@
-"""The structure-from-motion points that a view saw: where in the image, at which disparity, how trustworthy."""
+"""Structure-from-motion points seen in each view: image position, disparity, weight."""
 
 from __future__ import annotations
 
@@ -49,11 +49,8 @@ class Sightings:
 
 @dataclass(frozen=True, eq=False)
 class SceneSightings:
-    """Sightings of all views, by view name.
-
-    extent: range of the disparities, 5th to 95th percentile. floor, ceiling: the smallest and the
-    largest disparity that depth is made of. All 1 / scene unit.
-    """
+    """Sightings of all views, by view name. extent: of the disparities, 5th to 95th percentile. floor, ceiling: bounds
+    of estimated disparity. All 1 / scene unit."""
 
     by_view: dict[str, Sightings]
     extent: float
@@ -62,19 +59,14 @@ class SceneSightings:
 
 
 def scene_sightings(scene: Scene, need: str) -> SceneSightings:
-    """The points that each view saw, without outliers.
+    """The points seen in each view, by track or else inside the image and not `hidden`, without outliers.
 
-    With tracks, those whose track names the view: another may be hidden there. Without, those inside
-    the image that are not behind most of the points around them. need: what asks for them, for the
-    message. Raises InputError when the scene has no points, or no sighting inside any image.
+    need: what they are for. Raises InputError when the scene has no points, or no sighting inside any image.
     """
     points = scene.require_points(need)
     known = points.error[np.isfinite(points.error)]
     usual = float(np.median(known)) if known.size else 0.0
-    by_view = {
-        view.name: _of_view(points, view.camera, _tracked(points, index), usual)
-        for index, view in enumerate(scene.views)
-    }
+    by_view = {view.name: _of_view(points, view.camera, index, usual) for index, view in enumerate(scene.views)}
     disparity = np.concatenate([found.disparity for found in by_view.values()])
     if disparity.size == 0:
         raise InputError(scene.root, "no sparse point that any view sees", f"some for {need}")
@@ -82,14 +74,8 @@ def scene_sightings(scene: Scene, need: str) -> SceneSightings:
     return SceneSightings(by_view, max(high - low, 1e-3 * high), _FLOOR_SHARE * least, _CEILING_SHARE * most)
 
 
-def _tracked(points: PointCloud, view: int) -> np.ndarray:
-    """Indices of the points that may be sightings of view number `view`: all of them where there are no tracks."""
-    if points.views is None:
-        return np.arange(len(points))
-    return np.flatnonzero(points.seen_from(view))
-
-
-def _of_view(points: PointCloud, camera: Camera, chosen: np.ndarray, usual: float) -> Sightings:
+def _of_view(points: PointCloud, camera: Camera, view: int, usual: float) -> Sightings:
+    chosen = np.arange(len(points)) if points.views is None else np.flatnonzero(points.seen_from(view))
     xy, depth = camera.project(points.xyz[chosen])
     inside = camera.inside(xy)
     if points.views is None:

@@ -18,12 +18,12 @@ from dofbench.scenes.named.schema import NamedDataset, NamedScene
 
 
 def named_datasets() -> Mapping[str, NamedDataset]:
-    """The datasets that dofbench knows, by id, the built-in ones first."""
+    """The named datasets by id, built-in ones first."""
     return _library(content_folder("datasets"))
 
 
 def read_dataset(path: Path) -> NamedDataset:
-    """Read one file. Raises InputError, one line, for anything but a dataset called as its file."""
+    """Read one file. Raises InputError for anything but a dataset named like its file."""
     raw = read_toml(path, "a named dataset")
     try:
         dataset = NamedDataset.model_validate(raw)
@@ -38,7 +38,7 @@ def read_dataset(path: Path) -> NamedDataset:
 
 
 def read_library(folder: Path) -> dict[str, NamedDataset]:
-    """Read every file of a folder. Raises InputError also for a scene that is `of` one that isn't there."""
+    """Read every file of a folder. Raises InputError also for a scene `of` an unknown one."""
     read = [read_dataset(path) for path in sorted(folder.glob("*.toml"))]
     library = {dataset.id: dataset for dataset in sorted(read, key=lambda dataset: not dataset.built_in)}
     for dataset in read:
@@ -56,7 +56,7 @@ def read_library(folder: Path) -> dict[str, NamedDataset]:
 def source_of(
     library: Mapping[str, NamedDataset], dataset: NamedDataset, scene: NamedScene
 ) -> tuple[NamedDataset, NamedScene]:
-    """The dataset and scene whose files these are: themselves, or those that the scene is `of`."""
+    """The dataset and scene with the files: themselves, or those that the scene is `of`."""
     if scene.of is None:
         return dataset, scene
     other, name = scene.of.split("/")
@@ -70,7 +70,7 @@ def _library(folder: Path) -> dict[str, NamedDataset]:
 
 @dataclass(frozen=True)
 class StatedRole:
-    """A role, and the label (ID/SCENE; ID of a dataset whose scenes are found by looking) whose file states it."""
+    """A role, and the label (ID/SCENE, or ID of a dataset with a marker) whose file states it."""
 
     role: Role
     by: str
@@ -84,8 +84,8 @@ def role_of_scene(library: Mapping[str, NamedDataset], dataset: NamedDataset, sc
 
 
 def role_of_recipe(recipe: object, seed: object) -> StatedRole | None:
-    """The role of a scene that make-scene rendered: of the scene with that recipe and seed, else of the dataset that
-    stands for the recipe with any seed; None where no file names them."""
+    """The role of a rendered scene: of the named scene with that recipe and seed, else of the dataset with that
+    recipe; None without."""
     library = named_datasets()
     for dataset, scene in _scenes(library):
         if scene.rendered is not None and (scene.rendered.recipe, scene.rendered.seed) == (recipe, seed):
@@ -97,7 +97,7 @@ def role_of_recipe(recipe: object, seed: object) -> StatedRole | None:
 
 
 def role_by_files(folder: Path) -> StatedRole | None:
-    """The role of the named scene whose files, as their checksums say, lie in the folder, wherever that is."""
+    """The role of the named scene whose files, by their checksums, are in the folder."""
     library = named_datasets()
     for dataset, scene in _scenes(library):
         files = scene.sha256.items()
@@ -107,7 +107,7 @@ def role_by_files(folder: Path) -> StatedRole | None:
 
 
 def contradiction(role: Role | None, by: str) -> str:
-    """What the named datasets' files say against a role that is recorded with its label; empty for nothing."""
+    """How the named datasets' files contradict a recorded role and label; empty if they don't."""
     if role is None:
         return f"role not stated, and yet by {by}" if by else ""
     library = named_datasets()

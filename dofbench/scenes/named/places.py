@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
-from typing import Any, TypedDict
+from typing import Any, TypedDict, Unpack, cast
 
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
@@ -27,7 +27,7 @@ from dofbench.scenes.readers.folders import scene_name
 from dofbench.scenes.scene import Alpha, Scene
 
 
-class Reading(TypedDict):
+class Reading(TypedDict, total=False):
     """The options of `load_scene`."""
 
     width: int | None
@@ -40,15 +40,13 @@ class Reading(TypedDict):
 
 @dataclass(frozen=True)
 class ResolvedScene:
-    """A scene, and what is known of it before it is read.
+    """A scene before it is read.
 
-    label: what to type for it, or the folder's name; nothing of this machine is in it. name: what its dataset is called
-    by default. root: its folder; where it is missing, the first place to put it. dataset: id of the named dataset, None
-    for a folder that belongs to none. layout, images, hold: as `load_scene` takes them. recipe: what make-dataset takes
-    where the user doesn't say. views, size, sha256: what must be found, as `NamedScene`. licence: "not stated" where
-    its source doesn't; terms: more about that. citation: one reference each. note: what a user should know. role: what
-    the scene may be used for (`dofbench.core.evidence`), None where no file states it; role_by: the label whose file
-    states it. missing: one line that says what to put where; empty where the scene is here.
+    label: the command line's name for it, or the folder's. name: default name of its dataset. root: its folder, or the
+    first place to put it. dataset: id of its named dataset. layout, images, hold: as for `load_scene`. recipe: defaults
+    of make-dataset. views, size, sha256: required, as in `NamedScene`. licence, terms, citation: of its source. role:
+    permitted use (`dofbench.core.evidence`), None where not stated; role_by: the label whose file states it. missing:
+    what to put where; empty where the scene is here.
     """
 
     label: str
@@ -71,47 +69,18 @@ class ResolvedScene:
     role_by: str = ""
     missing: str = ""
 
-    def reading(
-        self,
-        *,
-        width: int | None = None,
-        images: str | None = None,
-        layout: str = "auto",
-        hold: int | None = None,
-        alpha_channel: Alpha | None = None,
-        skip_missing: bool = False,
-    ) -> Reading:
-        """How the scene is to be read: options that are given go before what is known of it.
+    def reading(self, **asked: Unpack[Reading]) -> Reading:
+        """All options for reading the scene; given ones win. The recipe's width counts without width and images."""
+        own: dict[str, Any] = {"images": self.images, "layout": self.layout, "hold": self.hold}
+        own |= {"width": self.recipe.width if asked.get("images") is None else None}
+        given = {key: value for key, value in asked.items() if value is not None and (key, value) != ("layout", "auto")}
+        return cast(Reading, {"alpha_channel": None, "skip_missing": False, **own, **given})
 
-        The recipe's width counts where neither a width nor a folder of images is given.
-        """
-        return Reading(
-            width=self.recipe.width if width is None and images is None else width,
-            images=self.images if images is None else images,
-            layout=self.layout if layout == "auto" else layout,
-            hold=self.hold if hold is None else hold,
-            alpha_channel=alpha_channel,
-            skip_missing=skip_missing,
-        )
-
-    def load(
-        self,
-        *,
-        width: int | None = None,
-        images: str | None = None,
-        layout: str = "auto",
-        hold: int | None = None,
-        alpha_channel: Alpha | None = None,
-        skip_missing: bool = False,
-    ) -> Scene:
+    def load(self, **asked: Unpack[Reading]) -> Scene:
         """Read the scene by `load_scene`, as `reading` says. Raises InputError as it does, or for a missing scene."""
         if self.missing:
             raise InputError(self.label, "no such scene here", self.missing)
-        asked = Reading(
-            width=width, images=images, layout=layout, hold=hold, alpha_channel=alpha_channel, skip_missing=skip_missing
-        )
-        scene = load_scene(self.root, **self.reading(**asked))
-        return replace(scene, name=self.name)
+        return replace(load_scene(self.root, **self.reading(**asked)), name=self.name)
 
 
 VARIABLE = "DOFBENCH_DATA"
@@ -119,10 +88,8 @@ _RENDERED = "dofbench-scene"  # the schema of scene.json, as make-scene writes i
 
 
 def find_data_root(given: Path | None = None) -> Path | None:
-    """The folder that holds named datasets: the one given, else DOFBENCH_DATA's; None without both.
-
-    Raises InputError when it isn't there.
-    """
+    """The folder with named datasets: `given`, else DOFBENCH_DATA's; None without both. Raises InputError where it is
+    missing."""
     text = os.environ.get(VARIABLE, "")
     root = given if given is not None else Path(text).expanduser() if text else None
     if root is not None and not root.is_dir():
@@ -132,7 +99,7 @@ def find_data_root(given: Path | None = None) -> Path | None:
 
 
 def scenes_of(dataset: NamedDataset, data_root: Path | None) -> tuple[ResolvedScene, ...]:
-    """All scenes of a dataset, those that aren't here with `missing` set; where it has a marker, those found."""
+    """All scenes of a dataset, absent ones with `missing` set; for a dataset with a marker, those found."""
     if dataset.marker is not None:
         return tuple(_found(dataset, folder) for folder in _marked(dataset, data_root))
     return tuple(_known(named_datasets(), dataset, scene, data_root) for scene in dataset.scenes)
@@ -141,8 +108,8 @@ def scenes_of(dataset: NamedDataset, data_root: Path | None) -> tuple[ResolvedSc
 def what_to_put(
     dataset: NamedDataset, places: tuple[str, ...], data_root: Path | None, made_by: str | None = None
 ) -> str:
-    """One line: which of these folders are looked for, where, and where their content comes from. made_by: the command
-    that makes it, None for the dataset's."""
+    """One line: the folders searched for, where, and their source. made_by: the command that makes them, None for the
+    dataset's."""
     *others, last = places
     folders = f"{', '.join(others)} or {last}" if others else last
     where = f"in {data_root}" if data_root is not None else f"in the folder that --data-root or {VARIABLE} names"
@@ -152,11 +119,10 @@ def what_to_put(
 
 
 def recognise(folder: Path) -> ResolvedScene:
-    """The scene in a folder that a user names: as its path and its files' checksums say, it may be a known one.
+    """The scene in a folder named by the user, or the folder of its COLMAP model.
 
-    A known one's origin, licence, citation and role are taken over, and its layout where no file in the folder tells
-    it; nothing else, as the user chose a folder and not a dataset. A rendered scene says these things itself. The
-    folder may be the place of its COLMAP model.
+    Where path and checksums are those of a named scene, origin, licence, citation and role are copied, and the layout
+    where no file shows it. A rendered scene's record has them itself.
     """
     folder = scene_folder(folder)
     name = scene_name(folder)
@@ -187,7 +153,7 @@ def recognise(folder: Path) -> ResolvedScene:
 
 
 def same_files(root: Path, sha256: Mapping[str, str]) -> str:
-    """Empty where all files have these checksums; else the name of the first that is missing or differs."""
+    """The first file that is missing or has another checksum; empty for none."""
     for file, expected in sha256.items():
         if not (root / file).is_file() or sha256_file(root / file) != expected:
             return file
@@ -242,7 +208,7 @@ def _known(
 
 
 def _marked(dataset: NamedDataset, data_root: Path | None) -> list[Path]:
-    """Folders with the marker that fit the dataset's folders; of two that share a name, the first choice."""
+    """Folders with the dataset's marker; of two with the same name, the first choice."""
     if data_root is None or dataset.marker is None:
         return []
     found: dict[str, Path] = {}
@@ -294,7 +260,7 @@ def _scene_json(folder: Path) -> dict[str, Any] | None:
 
 
 def _as_rendered(folder: Path, scene: NamedScene) -> bool:
-    """Whether a folder has the recipe and seed that the scene names; true for a scene that names none."""
+    """Whether a folder has the scene's recipe and seed, if it has any."""
     if scene.rendered is None:
         return True
     content = _scene_json(folder) or {}

@@ -15,11 +15,10 @@ _CLOSE = 3
 
 
 def resolve(text: str, data_root: Path | None) -> tuple[ResolvedScene, ...]:
-    """The scenes that `text` means: a folder, a built-in scene, the id of a dataset (all its scenes), or ID/SCENE.
+    """The scenes of `text`: a folder, a built-in scene, the id of a dataset (all its scenes), or ID/SCENE.
 
-    data_root: where named datasets are looked for. Of a dataset's scenes, those that aren't here come with `missing`
-    set. Raises InputError, one line, for anything unknown (with what is close to it), for a single scene that isn't
-    here, and for a dataset of which no scene is here (with what to put where).
+    data_root: of named datasets. Absent scenes of a dataset have `missing` set. Raises InputError for an unknown name
+    (with close ones), an absent scene, and a dataset of which every scene is absent (with what to put where).
     """
     if text and Path(text).is_dir():
         return (recognise(Path(text)),)

@@ -1,4 +1,4 @@
-"""What a file `datasets/ID.toml` holds, checked on the way in."""
+"""Schema of `datasets/ID.toml`."""
 
 from __future__ import annotations
 
@@ -55,10 +55,8 @@ class _Record(BaseModel):
 
 
 class Recipe(_Record):
-    """What make-dataset takes where the user doesn't say.
-
-    focus: normalised disparity, 0 far to 1 near. aperture: 0 to 1. width: of the images, pixels; None keeps their own.
-    """
+    """Defaults of make-dataset. focus: normalised disparity, 0 far to 1 near. aperture: 0 to 1. width: of the images,
+    pixels; None keeps their own."""
 
     focus: Grid = (0.2, 0.5, 0.8)
     aperture: Grid = (0.5, 1.0)
@@ -66,22 +64,19 @@ class Recipe(_Record):
 
 
 class Rendered(_Record):
-    """What tells a scene of make-scene apart, as its scene.json has it."""
+    """What identifies a scene of make-scene in its scene.json."""
 
     recipe: Name
     seed: NonNegativeInt
 
 
 class NamedScene(_Record):
-    """One scene. What it says goes before what its dataset says.
+    """One scene; its entries override its dataset's.
 
-    role: what it may be used for (`dofbench.core.evidence`).
-
-    of: `ID/SCENE` of another dataset, whose images these are; it then has no folders of its own.
-    folders: where it may be, below the data root, first choice first. hold: views 0, hold, 2 hold, ... are test views.
-    views: how many there must be. size: width and height of the images read by default, pixels.
-    sha256: of files in its folder that tell it apart. rendered: the recipe and seed that tell it apart, of a scene of
-    make-scene; made_by: the command that makes it. note: what a user should know.
+    role: permitted use (`dofbench.core.evidence`). of: `ID/SCENE` of another dataset with the same images; then it has
+    no folders of its own. folders: below the data root, first choice first. hold: views 0, hold, 2 hold, ... are test
+    views. views: required number. size: width and height of the images read by default, pixels. sha256: of files that
+    identify it. rendered: recipe and seed of a scene of make-scene. made_by: the command that makes it.
     """
 
     name: Name
@@ -98,23 +93,21 @@ class NamedScene(_Record):
 
 
 class LeftOut(_Record):
-    """A scene that one might expect in a dataset, and why it isn't there."""
+    """A scene excluded from a dataset, and why."""
 
     scene: Text
     why: Text
 
 
 class NamedDataset(_Record):
-    """datasets/ID.toml. The file is named after `id`.
+    """datasets/ID.toml, named after `id`.
 
-    origin: where it comes from. licence: as its source states it, else "not stated"; terms: more about that. citation:
-    one reference each. role: of all its scenes but those that say another one; every scene has one. built_in: its
-    folders are beside the file, not below a data root. made_by: the command that makes it, where it is ours. layout:
-    the reader for all its scenes but those that are `of` others. images: folder of images inside a scene, for a layout
-    that would take another one. folders: as `NamedScene.folders`, with {scene} for the scene's name. marker: for a
-    dataset whose scenes are found by looking: every folder that fits `folders` and has this file or folder is a scene.
-    expected: how many those should be. recipes: of make-scene, whose scenes of whatever seed it stands for, unless a
-    scene of a dataset names recipe and seed. notes: what was verified, and what wasn't.
+    licence: as its source states it, else "not stated". role: default of its scenes. built_in: its folders are next to
+    the file, not below a data root. made_by: the command that makes it. layout: the reader of its scenes, except those
+    `of` others. images: folder of images inside a scene, where it isn't the layout's own. folders: as
+    `NamedScene.folders`, with {scene} for the scene's name. marker: every folder that fits `folders` and has this file
+    or folder is a scene. expected: their number. recipes: of make-scene, with any seed that no scene names. notes: what
+    was verified, and what wasn't.
     """
 
     id: Name

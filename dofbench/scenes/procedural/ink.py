@@ -48,14 +48,9 @@ _LETTERS = {
 
 def stroke(image: np.ndarray, start: Point, end: Point, width: float, colour: Colour) -> None:
     """A line of `width` pixels with round ends."""
-    reach = width / 2 + 1
-    window = _window(
-        image,
-        min(start[0], end[0]) - reach,
-        min(start[1], end[1]) - reach,
-        max(start[0], end[0]) + reach,
-        max(start[1], end[1]) + reach,
-    )
+    reach, ends = width / 2 + 1, (start, end)
+    low, high = (tuple(least(point[axis] for point in ends) for axis in (0, 1)) for least in (min, max))
+    window = _window(image, low[0] - reach, low[1] - reach, high[0] + reach, high[1] + reach)
     if window is None:
         return
     part, x, y = window

@@ -1,4 +1,4 @@
-"""The stages of make-scene: depth and pinhole images of all views, points, then photographs through lenses."""
+"""Stages of make-scene: depth and pinhole images of all views, points, then thin-lens images."""
 
 from __future__ import annotations
 
@@ -33,11 +33,10 @@ Tick = Callable[[], None]
 
 
 def make(settings: MakeScene, progress: Progress) -> list[Path]:
-    """Make the scenes, or what is missing of them; returns their folders.
+    """Make the scenes, or their missing parts; returns their folders.
 
-    With several scenes, the views and one photograph through a lens of every scene are made first and the other
-    photographs afterwards, so that every scene can be used early. Raises the InputErrors of `choose_variant` and
-    `SceneFolder`.
+    Of several scenes, views and one thin-lens image of each are made first, so that every scene can be used early.
+    Raises the InputErrors of `choose_variant` and `SceneFolder`.
     """
     variant, remark = choose_variant(settings.variant)
     if remark:
@@ -143,13 +142,8 @@ class _Rendering:
             for focus in asked.focus
             for aperture in asked.aperture
         ]
-        return [
-            shot
-            for shot in shots
-            if not self.folder.has_lens_image(
-                self._names[shot.view], shot.lens.aperture, shot.lens.focus, asked.lens_samples
-            )
-        ]
+        exists, samples = self.folder.has_lens_image, asked.lens_samples
+        return [one for one in shots if not exists(self._names[one.view], one.lens.aperture, one.lens.focus, samples)]
 
     @property
     def _tracer(self) -> Tracer:
@@ -170,11 +164,10 @@ class _Rendering:
         """Write sparse/0; returns the record of its content."""
         output = self.folder.root / SPARSE
         with tempfile.TemporaryDirectory() as work:
+            made = Path(work) / "model"
             files = [f"{name}.png" for name in self._names]
-            model = sparse_points.triangulate(
-                views, files, self.folder.root / "images", Path(work), Path(work) / "model"
-            )
-            for file in sorted((Path(work) / "model").iterdir()):
+            model = sparse_points.triangulate(views, files, self.folder.root / "images", Path(work), made)
+            for file in sorted(made.iterdir()):
                 with replacing(output / file.name) as temporary:
                     shutil.copyfile(file, temporary)
         about: dict[str, float | str | int] = {"pycolmap": version("pycolmap"), "points": model.num_points3D()}

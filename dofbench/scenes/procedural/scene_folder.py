@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
 from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
@@ -44,27 +43,16 @@ def read_record(folder: Path) -> dict[str, Any]:
 
 
 class SceneFolder:
-    """The folder of one scene. `record` is scene.json; it is written after every image, so a kill costs one image."""
+    """The folder of one scene. record: scene.json, written after every image, so that a kill costs one image."""
 
     def __init__(self, root: Path, recipe: str, title: str, settings: MakeScene, variant: str):
-        """Open the folder, which is new or was begun with the same settings. Raises InputError for any other
-        content."""
+        """Open a folder that is new or was begun with the same settings. Raises InputError for other content."""
         self.root = root
         self._half = settings.linear == "exr-half"
         self._bits = settings.depth_bits
-        made = {
-            "dofbench": __version__,
-            "recipe": recipe,
-            "seed": settings.seed,
-            "path": settings.path,
-            "views": settings.views,
-            "width": settings.width,
-            "height": settings.height,
-            "samples": settings.samples,
-            "linear": settings.linear,
-            "depth_bits": settings.depth_bits,
-            "variant": variant,
-        }
+        named = ("seed", "path", "views", "width", "height", "samples", "linear", "depth_bits")
+        asked = {name: getattr(settings, name) for name in named}
+        made = {"dofbench": __version__, "recipe": recipe, **asked, "variant": variant}
         if root.is_dir():
             refuse_links_outside(root)
         if (root / RECORD).is_file():
@@ -115,11 +103,9 @@ class SceneFolder:
 
     def has_lens_image(self, view: str, aperture: float, focus: float, samples: int) -> bool:
         """Whether the photograph through that lens, with so many samples, exists."""
-        return any(
-            (entry["view"], entry["aperture"], entry["focus"], entry["samples"]) == (view, aperture, focus, samples)
-            and (self.root / entry["image"]).is_file()
-            for entry in self.record["lens_images"]
-        )
+        wanted = {"view": view, "aperture": aperture, "focus": focus, "samples": samples}
+        entries = [entry for entry in self.record["lens_images"] if wanted.items() <= entry.items()]
+        return any((self.root / entry["image"]).is_file() for entry in entries)
 
     def keep_depth(self, view: str, depth: np.ndarray) -> None:
         """Write a depth map, with its floats' fractions rounded to as many bits as the settings say."""
@@ -141,7 +127,7 @@ class SceneFolder:
             "brightest": float(f"{shot.linear.max():.4g}"),
             "clipped_fraction": round(float((shot.linear > 1).any(axis=2).mean()), 6),
         }
-        self._put("images", entry, ("view",))
+        self._put("images", entry, "view")
         self.record["render"] |= {
             "samples": shot.samples,
             "noise_rms_linear": max(e["noise_rms_linear"] for e in self.record["images"]),
@@ -154,20 +140,9 @@ class SceneFolder:
         """Write a photograph through a lens. scene_units: (aperture in px * unit, focus in unit); asked: samples."""
         name = f"lens/{view}_a{aperture:g}_f{focus:g}.exr"
         write_exr(self.root / name, shot.linear, half=self._half)
-        self._put(
-            "lens_images",
-            {
-                "view": view,
-                "image": name,
-                "aperture": aperture,
-                "focus": focus,
-                "aperture_scene": scene_units[0],
-                "focus_scene": scene_units[1],
-                "samples": asked,
-                **shot.noise,
-            },
-            ("image",),
-        )
+        entry = {"view": view, "image": name, "aperture": aperture, "focus": focus}
+        entry |= {"aperture_scene": scene_units[0], "focus_scene": scene_units[1], "samples": asked, **shot.noise}
+        self._put("lens_images", entry, "image")
         self.save()
 
     def seal(self, readme: str) -> None:
@@ -183,9 +158,9 @@ class SceneFolder:
         """Remove SHA256SUMS before files are added: the scene isn't complete any more."""
         (self.root / SUMS).unlink(missing_ok=True)
 
-    def _put(self, part: str, entry: dict[str, Any], key: Sequence[str]) -> None:
-        others = [other for other in self.record[part] if any(other[name] != entry[name] for name in key)]
-        self.record[part] = sorted([*others, entry], key=lambda other: [other[name] for name in key])
+    def _put(self, part: str, entry: dict[str, Any], key: str) -> None:
+        others = [other for other in self.record[part] if other[key] != entry[key]]
+        self.record[part] = sorted([*others, entry], key=lambda other: other[key])
 
 
 def command(recipe: str, settings: MakeScene) -> str:

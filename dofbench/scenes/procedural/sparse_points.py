@@ -1,7 +1,4 @@
-"""Sparse points as structure from motion would find them: SIFT, matching and triangulation on the 8-bit images.
-
-The true poses are given and stay fixed; the points are triangulated, with the errors that real triangulation has.
-"""
+"""Triangulate sparse points from the 8-bit images by SIFT and matching, with true, fixed poses."""
 
 from __future__ import annotations
 
@@ -22,9 +19,8 @@ _ANGLE_ERROR = 0.5
 def triangulate(cameras: Sequence[Camera], names: Sequence[str], images: Path, work: Path, output: Path) -> Any:
     """Write a COLMAP model with points and tracks to `output`; returns it (pycolmap.Reconstruction).
 
-    names: file names in the folder `images`, one per camera; all cameras share their intrinsics.
-    work: a folder for the database. One thread and fixed seeds: the same images give the same points.
-    Keypoints without a point are left out.
+    names: file names in the folder `images`, one per camera; all cameras share their intrinsics. work: a folder for the
+    database. One thread and fixed seeds: the same images give the same points. Keypoints without a point are excluded.
     """
     from dofbench.scenes.colmap_binding import pycolmap
 
@@ -56,13 +52,11 @@ def triangulate(cameras: Sequence[Camera], names: Sequence[str], images: Path, w
         database, matching_options=matching, verification_options=verification, device=pycolmap.Device.cpu
     )
     options = pycolmap.IncrementalPipelineOptions()
-    options.num_threads = 1
-    options.random_seed = 0
-    options.triangulation.random_seed = 0
-    options.triangulation.create_max_angle_error = _ANGLE_ERROR
-    options.triangulation.continue_max_angle_error = _ANGLE_ERROR
-    options.triangulation.merge_max_reproj_error = _REPROJECTION_ERROR
-    options.triangulation.complete_max_reproj_error = _REPROJECTION_ERROR
+    options.num_threads, options.random_seed = 1, 0
+    points = options.triangulation
+    points.random_seed = 0
+    points.create_max_angle_error = points.continue_max_angle_error = _ANGLE_ERROR
+    points.merge_max_reproj_error = points.complete_max_reproj_error = _REPROJECTION_ERROR
     options.mapper.filter_max_reproj_error = _REPROJECTION_ERROR
     raw = work / "triangulated"
     raw.mkdir()
@@ -88,15 +82,13 @@ def depth_errors(cameras: Sequence[Camera], model: Any, depths: Sequence[np.ndar
 
 
 def _posed(cameras: Sequence[Camera], names: Sequence[str], found: Any) -> Any:
-    """A model with the given poses, and with the points of the model `found` unless that is None; ids count from 1 in
-    order."""
+    """A model with these poses, and the points of the model `found`, if any; ids count from 1 in order."""
     from dofbench.scenes.colmap_binding import pycolmap
 
     first = cameras[0]
     model = pycolmap.Reconstruction()
-    camera = pycolmap.Camera(
-        camera_id=1, model="PINHOLE", width=first.width, height=first.height, params=list(first.parameters)
-    )
+    width, height, parameters = first.width, first.height, list(first.parameters)
+    camera = pycolmap.Camera(camera_id=1, model="PINHOLE", width=width, height=height, params=parameters)
     model.add_camera_with_trivial_rig(camera)
     tracks: dict[int, list[tuple[int, int]]] = {}
     for number, (view, name) in enumerate(zip(cameras, names, strict=True), start=1):

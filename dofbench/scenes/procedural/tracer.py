@@ -23,11 +23,10 @@ _SQUARE = 1e-3  # tolerated relative difference of the focal lengths: a fifth of
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """A rendered photograph. linear: (H, W, 3) float32, linear light, not clipped. samples: rays per pixel.
+    """A rendered image. linear: (H, W, 3) float32, linear light, not clipped. samples: rays per pixel.
 
-    noise_rms: standard deviation of `linear`, over all pixels and channels, from two independent halves of the samples.
-    noise_psnr: estimated PSNR in dB of the image, encoded and clipped, against one with infinitely many samples; inf if
-    the halves are equal.
+    From two independent halves of the samples, noise_rms: standard deviation of `linear`; noise_psnr: PSNR in dB,
+    encoded and clipped, against infinitely many samples (inf if the halves are equal).
     """
 
     linear: np.ndarray
@@ -37,11 +36,8 @@ class Photograph:
 
     @property
     def noise(self) -> dict[str, float]:
-        """The two numbers as scene.json records them, an infinite PSNR as 200 dB.
-
-        They are rounded, because at an edge that two triangles share the tracer may hit either of them, so a few pixels
-        differ between runs in the last bit of float32.
-        """
+        """The two numbers for scene.json, infinite PSNR as 200 dB; rounded, as on an edge that two triangles share a
+        few pixels differ between runs in the last bit."""
         return {
             "noise_rms_linear": float(f"{self.noise_rms:.3g}"),
             "noise_psnr_db": round(min(self.noise_psnr, 200.0), 2),
@@ -49,16 +45,13 @@ class Photograph:
 
 
 def sets_of(samples: int) -> tuple[int, int]:
-    """(number of sets, samples of a set): jittered sets that together have at least `samples`, in two equal halves."""
+    """(number of sets, samples of a set) of jittered sets with at least `samples` in total, in two equal halves."""
     side = max(1, min(_GRID, math.isqrt(samples // 2)))
     return 2 * math.ceil(samples / (2 * side * side)), side * side
 
 
 class Tracer:
-    """Renders one stage. A variant must have been chosen (`choose_variant`).
-
-    Lighting is direct: lamps and sky, with shadows; light reflected from one prop to another is left out.
-    """
+    """Renders one stage with direct light and shadows, without interreflection. Needs `choose_variant` first."""
 
     def __init__(self, stage: Stage):
         import mitsuba as mi
@@ -80,13 +73,12 @@ class Tracer:
         window: tuple[slice, slice] | None = None,
         tick: Callable[[], None] = lambda: None,
     ) -> Photograph:
-        """The image that the camera sees; each pixel is the mean over its square.
+        """Render the camera's image; each pixel is the mean over its square.
 
-        samples: rays per pixel, rounded up to whole sets (`sets_of`). key: text that fixes the random numbers. lens:
-        None
-        or of aperture 0 is a pinhole. window: (rows, columns), the part of the image to render; its random numbers
-        differ from those of the whole image. tick: called after each set. Raises ValueError for a lens focused at
-        infinity or beyond, and for a camera with pixels that aren't square or its principal point off the middle.
+        samples: rays per pixel, rounded up to whole sets (`sets_of`). key: seed of the random numbers, as text. lens:
+        None or of aperture 0 is a pinhole. window: (rows, columns) to render, with other random numbers than the whole
+        image. tick: called after each set. Raises ValueError for a lens focused at infinity or beyond, and for a camera
+        without square pixels or a centred principal point.
         """
         import mitsuba as mi
 
@@ -113,10 +105,8 @@ class Tracer:
         )
 
     def depth(self, camera: Camera) -> np.ndarray:
-        """z-depth (H, W) float32 of the first surface behind each pixel's centre, scene units; 0 where there is none.
-
-        The renderer's own depth output isn't used: it is the ray's length instead of z, and averaged over the pixel.
-        """
+        """z-depth (H, W) float32 of the first surface behind each pixel's centre, scene units; 0 for none. (Mitsuba's
+        own depth is the ray's length, averaged over the pixel.)"""
         import mitsuba as mi
 
         x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
@@ -182,7 +172,7 @@ class Tracer:
 
 
 def load_stage(stage: Stage) -> Any:
-    """The stage as a mitsuba scene. A variant must have been chosen."""
+    """The stage as a Mitsuba scene. Needs `choose_variant` first."""
     import mitsuba as mi
 
     parts = {f"prop_{index:04d}": _prop(prop) for index, prop in enumerate(stage.props)}
@@ -223,20 +213,12 @@ def _prop(prop: Prop) -> Any:
     length = float(np.linalg.norm(axis))
     side = [1.0, 0.0, 0.0] if abs(axis[2]) > 0.5 * length else [0.0, 0.0, 1.0]
     placed = mi.ScalarTransform4f().look_at(start.tolist(), list(shape.end), side) @ turned
-    return {
-        "type": "cylinder",
-        "p0": [0, 0, 0],
-        "p1": [0, 0, length],
-        "radius": shape.radius,
-        "to_world": placed,
-        **_look(prop, top_down=False),
-    }
+    ends = {"p0": [0, 0, 0], "p1": [0, 0, length], "radius": shape.radius}
+    return {"type": "cylinder", **ends, "to_world": placed, **_look(prop, top_down=False)}
 
 
 def _look(prop: Prop, top_down: bool = True) -> dict[str, Any]:
-    """The surface, and the light of a lamp. Reflectance is the texture in linear light. top_down: the texture's first
-    row is the shape's v = 0.
-    """
+    """The surface, and the light of a lamp; reflectance in linear light. top_down: first texture row at v = 0."""
     linear = decode(np.asarray(prop.texture, np.float64)).astype(np.float32)
     if not top_down and linear.ndim == 3:
         linear = linear[::-1]

@@ -1,4 +1,4 @@
-"""Chooses the mitsuba variant that works on this machine, by a trial in another process, which may crash."""
+"""Choose the Mitsuba variant that works on this machine, by a trial in another process, which may crash."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ _PROBE = (
 
 
 def choose_variant(wanted: str = "auto") -> tuple[str, str]:
-    """Select mitsuba's variant: the vectorised one if a trial in another process succeeds. Returns (variant, remark).
+    """Select Mitsuba's variant: the vectorised one if a trial succeeds. Returns (variant, remark).
 
-    wanted: "auto" or a variant's name. The remark says why the slow scalar variant was selected, or is empty. Sets
-    DRJIT_LIBLLVM_PATH when a library was found by search. Raises InputError without mitsuba, for a variant that mitsuba
-    doesn't have, and for the vectorised one by name where no LLVM library works.
+    wanted: "auto" or a variant's name. remark: why the slow scalar variant was selected, or empty. Sets
+    DRJIT_LIBLLVM_PATH to a library that works. Raises InputError without mitsuba, for an unknown variant, and for the
+    vectorised one by name where no LLVM library works.
     """
     try:
         import mitsuba as mi

@@ -61,8 +61,8 @@ _TWO_FOCALS = ("PINHOLE", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE")
 class Model:
     """A COLMAP model in plain arrays.
 
-    folder: where it was. names: of the posed images, sorted. intrinsics, world_to_camera: one an
-    image. points: sorted by their id; points.views index into `names`. None without points. notes: for `Scene.noted`.
+    names: of the posed images, sorted. intrinsics, world_to_camera: one an image. points: sorted by id, None without;
+    points.views index into `names`. notes: for `Scene.noted`.
     """
 
     folder: Path
@@ -106,17 +106,18 @@ def read(root: Path, *, width: int | None, images: str | None, hold: int | None,
     if not skip_missing or not matched.present():
         refuse_missing(image_folder, model.names, matched, found.folder)
     kept = model.only(matched.present())
-    files = [file for file in matched.files if file is not None]
+    files = matched.found()
     frames = [
         Frame(file.relative_to(image_folder).as_posix(), file, intrinsics, pose)
         for file, intrinsics, pose in zip(files, kept.intrinsics, kept.world_to_camera, strict=True)
     ]
+    place = found.folder.relative_to(root)
     scene = assemble(root, "colmap", frames, kept.points, width=width, subject=found.folder).noted(
         *kept.notes,
-        skipped(model.names, matched, found.folder.relative_to(root)),
+        skipped(model.names, matched, place),
         fewer_points(model.points, kept.points),
-        without_pose(image_folder, files, found.folder.relative_to(root)),
-        other_format(matched, image_folder, found.folder.relative_to(root)),
+        without_pose(image_folder, files, place),
+        other_format(matched, image_folder, place),
     )
     if scene.offset != NO_OFFSET:
         try:
@@ -124,15 +125,13 @@ def read(root: Path, *, width: int | None, images: str | None, hold: int | None,
         except AnotherFrame as error:
             expected = f"{error.expected}; so far from the origin, rotations need all of their digits"
             raise InputError(error.subject, error.found, expected) from None
-    absent = [name for name, file in zip(model.names, matched.files, strict=True) if file is None]
-    called = dict(zip(files, kept.names, strict=True))
+    absent, called = matched.missing(model.names), dict(zip(files, kept.names, strict=True))
     return held_out(among_all(scene, called, absent), hold, called, absent)
 
 
 def read_found(found: FoundModel) -> Model:
-    """Read the model that was chosen, and note the choice. Raises InputError as `read_model`."""
-    model = read_model(found.folder)
-    return model.noted([found.choice] if found.choice else ())
+    """Read the chosen model, and note the choice. Raises InputError as `read_model`."""
+    return read_model(found.folder).noted([found.choice] if found.choice else ())
 
 
 def read_model(folder: Path) -> Model:
@@ -151,22 +150,19 @@ def read_model(folder: Path) -> Model:
 
 def _other_text(folder: Path, images: int) -> tuple[str, ...]:
     """A note on a text model next to the binary one that has another number of images."""
-    if not (folder / "images.txt").is_file():
-        return ()
     try:
-        others = count_images(folder)
+        others = count_images(folder) if (folder / "images.txt").is_file() else images
     except InputError:
         return ()
-    if others == images:
-        return ()
-    return (f"{images} images in images.bin, {others} in images.txt: the binary model is read",)
+    note = f"{images} images in images.bin, {others} in images.txt: the binary model is read"
+    return (note,) if others != images else ()
 
 
 def _model(
     folder: Path, suffix: str, place: Path, names: Mapping[int, str], poses: Mapping[int, Sequence[float]]
 ) -> Model:
-    """The model whose files are in `place`. names: of its images, where pycolmap's aren't whole. poses: quaternion and
-    translation in the file of images, which pycolmap passes over where there is one of frames."""
+    """Read the model whose files are in `place`. names: of its images, where pycolmap cuts them. poses: quaternion and
+    translation in the file of images, which pycolmap ignores where there is one of frames."""
     from dofbench.scenes.colmap_binding import pycolmap
 
     reconstruction = pycolmap.Reconstruction()
@@ -193,30 +189,26 @@ def _model(
         _check_pose(image, poses[image.image_id], called[image.image_id], images_file)
     posed = [reconstruction.images[key] for key in sorted(called, key=called.__getitem__)]
     lenses = {key: _intrinsics(camera, cameras_file) for key, camera in reconstruction.cameras.items()}
-    model = Model(
-        folder=folder,
-        names=tuple(called[image.image_id] for image in posed),
-        intrinsics=tuple(lenses[image.camera_id] for image in posed),
-        world_to_camera=tuple(
-            rigid(image.cam_from_world().matrix(), images_file, called[image.image_id]) for image in posed
-        ),
-        points=_points(reconstruction, [image.image_id for image in posed], folder / f"points3D{suffix}"),
-        notes=(
-            *_without_pose(len(reconstruction.images), len(posed), images_file),
-            *_missing_points(reconstruction, folder / f"points3D{suffix}"),
-        ),
-    )
-    centres = np.stack([invert(pose)[:3, 3] for pose in model.world_to_camera])
-    if local_offset(centres, model.points) != NO_OFFSET:
-        return replace(model, notes=_misplaced(reconstruction))
-    return model
+    names_of = tuple(called[image.image_id] for image in posed)
+    intrinsics = tuple(lenses[image.camera_id] for image in posed)
+    matrices = [image.cam_from_world().matrix() for image in posed]
+    rotations = tuple(rigid(matrix, images_file, name) for matrix, name in zip(matrices, names_of, strict=True))
+    points_file = folder / f"points3D{suffix}"
+    points = _points(reconstruction, [image.image_id for image in posed], points_file)
+    if local_offset(np.stack([invert(pose)[:3, 3] for pose in rotations]), points) != NO_OFFSET:
+        notes = [_misplaced(reconstruction)]
+    else:
+        count = len(reconstruction.images)
+        without = f"{count} images in {images_file.name}, {count - len(posed)} without a pose: skipped"
+        notes = [without if len(posed) < count else "", _missing_points(reconstruction, points_file)]
+    return Model(folder, names_of, intrinsics, rotations, points, tuple(filter(None, notes)))
 
 
-def _misplaced(reconstruction: pycolmap.Reconstruction) -> tuple[str, ...]:
-    """A note where points of a model far from its origin miss the image positions that the model itself records.
+def _misplaced(reconstruction: pycolmap.Reconstruction) -> str:
+    """A note where points of a model far from its origin miss their recorded image positions.
 
-    A camera's position is computed from its rotation there, times the distance of the origin: in a UTM zone a text
-    file with seven digits of the rotation puts it half a metre off.
+    A camera's position is computed from its rotation, times the distance of the origin: in a UTM zone seven digits of
+    the rotation put it half a metre off.
     """
 
     def median_error() -> float:
@@ -227,27 +219,20 @@ def _misplaced(reconstruction: pycolmap.Reconstruction) -> tuple[str, ...]:
     reconstruction.update_point_3d_errors()
     after = median_error()
     if after <= 2 * before + _MISSED:
-        return ()
-    found = (
+        return ""
+    return (
         f"points miss their recorded image positions by {after:.3g} pixels (median), {before:.3g} as the model says: "
         "so far from the origin, rotations of few digits misplace cameras"
     )
-    return (found,)
 
 
-def _without_pose(images: int, posed: int, file: Path) -> tuple[str, ...]:
-    return (f"{images} images in {file.name}, {images - posed} without a pose: skipped",) if posed < images else ()
-
-
-def _missing_points(reconstruction: pycolmap.Reconstruction, file: Path) -> tuple[str, ...]:
-    """A note on points that images saw and their own file doesn't have: it may have been cut or filtered."""
+def _missing_points(reconstruction: pycolmap.Reconstruction, file: Path) -> str:
+    """A note on points that images saw and their own file lacks: it may have been cut or filtered."""
     seen = sum(image.num_points3D for image in reconstruction.images.values())
     tracked = sum(point.track.length() for point in reconstruction.points3D.values())
-    if seen <= tracked:
-        return ()
-    return (
-        f"{file.name} has {len(reconstruction.points3D)} points, with {tracked} of the {seen} sightings in the images",
-    )
+    count = len(reconstruction.points3D)
+    note = f"{file.name} has {count} points, with {tracked} of the {seen} sightings in the images"
+    return note if seen > tracked else ""
 
 
 def _check_pose(image: pycolmap.Image, pose: Sequence[float], name: str, file: Path) -> None:

@@ -22,7 +22,7 @@ _PARTS = ("cameras", "images", "points3D")
 
 
 def model_suffix(folder: Path) -> str | None:
-    """'.bin' or '.txt', whichever the folder has all three files of (binary first, as COLMAP), else None."""
+    """'.bin' or '.txt', if the folder has all three files of it (binary first, as COLMAP), else None."""
     for suffix in (".bin", ".txt"):
         if all((folder / f"{part}{suffix}").is_file() for part in _PARTS):
             return suffix
@@ -30,7 +30,7 @@ def model_suffix(folder: Path) -> str | None:
 
 
 def check_kinds(folder: Path) -> None:
-    """Raise InputError for a file of those that pycolmap opens that is no regular file: a FIFO would never open."""
+    """Raise InputError for a model file that is no regular file: a FIFO would never open."""
     for part in (*_PARTS, "rigs", "frames"):
         for suffix in (".bin", ".txt"):
             if (folder / f"{part}{suffix}").exists():
@@ -38,7 +38,7 @@ def check_kinds(folder: Path) -> None:
 
 
 def check_binary(folder: Path) -> None:
-    """Raise InputError naming the file unless every binary file of the model ends where its contents end."""
+    """Raise InputError naming the file unless every binary file ends where its contents end."""
     walks = {"cameras": _cameras, "images": _images, "points3D": _points, "rigs": _rigs, "frames": _frames}
     for part, walk in walks.items():
         file = folder / f"{part}.bin"
@@ -140,8 +140,8 @@ _ALL = ("cameras", "images", "points3D", "rigs", "frames")
 
 @dataclass(frozen=True)
 class TextModel:
-    """folder: the files for pycolmap. names: of the images, by their id; poses: likewise, quaternion (w first) and
-    translation. notes: what was mended."""
+    """folder: of the files for pycolmap. names, poses (quaternion, w first, and translation): by image id. notes: on
+    repairs."""
 
     folder: Path
     names: dict[int, str]
@@ -151,8 +151,8 @@ class TextModel:
 
 @dataclass(frozen=True)
 class _Images:
-    """lines: of an image, and of its 2D points, by turns. missing: how many of the latter weren't there. cut: whether
-    that of the last image wasn't."""
+    """lines: alternately of an image and of its 2D points. missing: number of missing lines of 2D points. cut: whether
+    the last image's is missing."""
 
     names: dict[int, str]
     lines: list[str]
@@ -174,10 +174,10 @@ class _Images:
 
 @contextmanager
 def readable_text(folder: Path) -> Iterator[TextModel]:
-    """The text model of a folder, so that pycolmap reads it rightly; a copy, for the block, where it wouldn't.
+    """The text model of a folder, or a temporary copy of it that pycolmap reads correctly.
 
-    Raises InputError for text that isn't UTF-8, a line that is none of the format's, an id that stands twice, and a
-    header (`# Number of images: N`) that contradicts what follows.
+    Raises InputError for text that isn't UTF-8, a line in another format, a repeated id, and a header (`# Number of
+    images: N`) that contradicts the content.
     """
     files = {part: folder / f"{part}.txt" for part in _ALL if (folder / f"{part}.txt").is_file()}
     texts = {part: _text(file) for part, file in files.items()}
@@ -209,7 +209,7 @@ def readable_text(folder: Path) -> Iterator[TextModel]:
 
 
 def count_images(folder: Path) -> int:
-    """How many images images.txt has. Raises InputError as `readable_text`."""
+    """Number of images in images.txt. Raises InputError as `readable_text`."""
     file = folder / "images.txt"
     return len(_text_images(_text(file), file).names)
 
@@ -263,7 +263,7 @@ def _text_images(text: str, file: Path) -> _Images:
 
 
 def _image(line: str) -> tuple[int, str] | None:
-    """(id, name) of a line that is an image's and can't be one of 2D points; None for others."""
+    """(id, name) of an image's line; None for others, and for one that may be 2D points."""
     words = line.split(maxsplit=_BEFORE_NAME)
     if len(words) <= _BEFORE_NAME:
         return None
@@ -278,7 +278,7 @@ def _image(line: str) -> tuple[int, str] | None:
 
 
 def _are_points(rest: str) -> bool:
-    """Whether the words after the ninth go on as 2D points do: in threes, all numbers."""
+    """Whether the words after the ninth are triples of numbers, as 2D points."""
     words = rest.split()
     if len(words) % 3:
         return False
@@ -298,7 +298,7 @@ def _point(number: int, line: str, file: Path) -> list[str]:
 
 
 def _joined(images: _Images, points: list[list[str]], file: Path) -> tuple[list[str], list[list[str]]]:
-    """Lines of 2D points made up from the tracks, which pycolmap wants to see in both files; their places are 0."""
+    """Make lines of 2D points from the tracks, which pycolmap requires in both files; their positions are 0."""
     seen: dict[str, list[str]] = {str(key): [] for key in images.names}
     joined = []
     for words in points:

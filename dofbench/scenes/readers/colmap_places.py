@@ -1,4 +1,4 @@
-"""Where programs leave a COLMAP model in a scene folder, which of several is read, and where its images are."""
+"""Find the COLMAP model of a scene folder, and its images."""
 
 from __future__ import annotations
 
@@ -36,8 +36,7 @@ _DEEPEST = 3
 
 @dataclass(frozen=True)
 class FoundModel:
-    """A model's folder; `images`, the folder of its images, relative to the scene's; and why it was taken, where there
-    are several."""
+    """A model's folder. images: of its images, relative to the scene. choice: why it was chosen among several."""
 
     folder: Path
     images: str
@@ -51,8 +50,7 @@ def find_model(root: Path) -> Path | None:
 
 
 def choose_model(root: Path) -> FoundModel | None:
-    """The model of a scene folder: of the first place that has one, with images where there are any, the model of most
-    images; of equal ones the first. None without one."""
+    """The model with most images in the first place that has any, preferably with image files; None without one."""
     groups = [group for place in _PLACES if (group := list(_models(root, *place)))]
     if not groups:
         return None
@@ -69,7 +67,7 @@ def choose_model(root: Path) -> FoundModel | None:
 def scene_folder(folder: Path) -> Path:
     """The scene's folder where `folder` is the place of its model, as sparse or sparse/0; else `folder` itself.
 
-    Raises InputError for a model that another one of the scene is larger than.
+    Raises InputError for a model that isn't the scene's largest.
     """
     here = folder.resolve()
     above = [scene for scene in here.parents[:_DEEPEST] if here in _model_places(scene)]

@@ -14,7 +14,7 @@ from typing import Any
 
 from dofbench.core.errors import InputError
 from dofbench.core.image_files.camera_files import camera_tags, is_camera_file
-from dofbench.core.image_files.exif import EXIF_FILE, LEAST, MOST, Exif, read_exif
+from dofbench.core.image_files.exif import LEAST, MOST, Exif, read_exif
 from dofbench.core.readable import read_text
 from dofbench.scenes.readers.focus_distance import focus_distance
 from dofbench.scenes.readers.folders import image_header
@@ -23,18 +23,9 @@ from dofbench.scenes.readers.name_match import ImageNames
 from dofbench.scenes.scene import Scene, Split
 
 CSV_FILE = "exif.csv"
-# A column of exif.csv, and what it is here.
-_COLUMNS = {
-    "f_number": "f_number",
-    "focal_length_mm": "focal_length",
-    "focal_length_35mm": "focal_length_35mm",
-    "focus_distance_m": "focus_distance",
-    "exposure_s": "exposure",
-    "iso": "iso",
-    "time": "time",
-    "camera": "camera",
-    "lens": "lens",
-}
+# Columns of exif.csv, and the fields of `Exif`.
+_RENAMED = {"focal_length_mm": "focal_length", "focus_distance_m": "focus_distance", "exposure_s": "exposure"}
+_COLUMNS = "f_number focal_length_mm focal_length_35mm focus_distance_m exposure_s iso time camera lens".split()
 # OpenImageIO's names of EXIF's tags; of several, the first that is there.
 _TAGS = {
     "f_number": ("FNumber", "Exif:FNumber"),
@@ -50,13 +41,11 @@ _TEXTS = ("time", "camera", "lens")
 
 
 def exif_by_file(root: Path, files: Mapping[str, Path]) -> dict[str, Exif]:
-    """What is known of each view's photograph, by view; views of which nothing is known are left out.
+    """EXIF of each view's photograph, by view, without views of which nothing is known.
 
-    files: the photograph's file, by view. Taken is what `root/exif.json` says of the view; else the line of its file in
-    the nearest exif.csv, in the file's folder or one above it, up to the root; else what stands in the file. A line
-    belongs to a file by the rule of `name_match`: its path from the table's folder, or the end of it where one file
-    alone of all ends so. Raises InputError for a damaged exif.json or exif.csv, a line that may be of several files,
-    and lines that differ about one; an image that can't be read says nothing here.
+    files: by view. Sources: `root/exif.json`; else the file's line in the nearest exif.csv, in its folder or one above,
+    up to the root (matched by `name_match`, by the path from the table's folder or its end); else the file itself.
+    Raises InputError for a damaged exif.json or exif.csv, an ambiguous line, and lines that differ about one file.
     """
     written = read_exif(root)
     tables: dict[Path, list[str]] = {}
@@ -76,7 +65,7 @@ def exif_by_file(root: Path, files: Mapping[str, Path]) -> dict[str, Exif]:
 
 
 def exif_of_image(file: Path) -> Exif:
-    """What stands in an image file's own EXIF. What is missing there or impossible is None; nothing is raised."""
+    """An image file's own EXIF; missing and impossible values are None, and nothing is raised."""
     tags = camera_tags(file) if is_camera_file(file) else _tags_of_image(file)
     values = {name: next((tags[tag] for tag in names if tag in tags), None) for name, names in _TAGS.items()}
     known: dict[str, Any] = {
@@ -96,11 +85,11 @@ def _tags_of_image(file: Path) -> dict[str, Any]:
 
 
 def read_exif_csv(file: Path) -> dict[str, Exif]:
-    """The photographs of an exif.csv by path or file name, which stands in the column `name`.
+    """The lines of an exif.csv by the path or file name in the column `name`.
 
     Other columns: f_number, focal_length_mm, focal_length_35mm, focus_distance_m (inf for infinity), exposure_s, iso,
-    time, camera, lens; each may be absent, or empty in a line. Further columns are passed over. Raises InputError,
-    which names the line, for a value that can't be.
+    time, camera, lens; each is optional, further ones are ignored. Raises InputError, with the line, for an impossible
+    value.
     """
     reader = csv.DictReader(io.StringIO(read_text(file, "comma-separated text"), newline=""))
     try:
@@ -117,7 +106,7 @@ def read_exif_csv(file: Path) -> dict[str, Exif]:
             raise InputError(file, f"no name in line {number}", "one line a photograph")
         if line["name"] in records:
             raise InputError(file, f"{line['name']} a second time in line {number}", "one line a photograph")
-        values = {ours: (line.get(column) or "").strip() for column, ours in _COLUMNS.items()}
+        values = {_RENAMED.get(column, column): (line.get(column) or "").strip() for column in _COLUMNS}
         known = {
             name: value if name in _TEXTS else _number(file, number, name, value)
             for name, value in values.items()
@@ -141,7 +130,7 @@ def _table_above(folder: Path, root: Path) -> Path | None:
 
 
 def _listed(table: Path, files: Mapping[str, Path]) -> dict[str, Exif]:
-    """What the lines of a table say of files below its folder, by view; lines of other photographs are passed over."""
+    """The lines of a table for files below its folder, by view."""
     views, paths = list(files), [file.relative_to(table.parent).as_posix() for file in files.values()]
     shared = len(os.path.commonpath([PurePosixPath(path).parent for path in paths]))
     index = ImageNames([(path, _in_folder(path), path[shared:].lstrip("/")) for path in paths], partial=True)
@@ -201,18 +190,15 @@ def _camera(make: str | None, model: str | None) -> str | None:
     return model if model.lower().startswith(make.split()[0].lower()) else f"{make} {model}"
 
 
-__all__ = ["CSV_FILE", "EXIF_FILE", "exif_by_file", "exif_of_image", "read_exif_csv"]
-
-
 SAME_F_NUMBER = 0.01  # relative; f-numbers are written down with two or three digits, and stops are 12 % apart
 
 
 def split_by_f_number(scene: Scene, train: float, test: float, *, test_points: int = 0) -> Scene:
-    """The scene with its views of f-number `train` to train on and those of `test` to test with; the others are left
-    out, with the points that none of the kept ones saw.
+    """The scene with views of f-number `train` as training and of `test` as test views, without all others and the
+    points seen only there.
 
-    test_points: views to test with that share fewer points with those to train on are left out too, where tracks are
-    known. Raises InputError where there is no view of either.
+    test_points: exclude test views that share fewer points with training views, where tracks are known. Raises
+    InputError where either kind has no view.
     """
     splits: dict[int, Split] = {}
     for index, view in enumerate(scene.views):

@@ -1,4 +1,4 @@
-"""The distance in focus that a camera wrote into a photograph: EXIF's SubjectDistance, or the maker note.
+"""Focus distance in a photograph's EXIF: SubjectDistance, or the maker note.
 
 OpenImageIO reads SubjectDistance. ExifRead reads the maker notes of Canon and Nikon; OpenImageIO 3.2 reads Canon's too,
 but takes a neighbouring number for the distance. Nikon encrypts the distance in bodies after the D70 and D2 series, and
@@ -19,9 +19,7 @@ from dofbench.core.image_files.exif import LEAST
 # Metres. EXIF writes infinity as the largest numerator, over any denominator; no lens tells this distance from it.
 _INFINITE = 4000.0
 _CANON_INFINITE = 0xFFFF  # centimetres
-_MOST_READS = (
-    200_000  # of a file's directory; a sound maker note takes a few thousand, and a damaged one may lead around
-)
+_MOST_READS = 200_000  # of a file's directory: an intact maker note takes a few thousand, a damaged one may loop
 _LARGEST_READ = 1 << 20  # bytes
 # Numbers of the words that ExifRead's tables of Canon's directories lack, after ExifTool's documentation of the tags
 # ShotInfo and FileInfo.
@@ -34,7 +32,7 @@ _NIKON_DISTANCE = 9  # its byte
 
 
 class _Limited:
-    """A file to be read so often, so much at a time, and not beyond its end: damaged directories lead anywhere."""
+    """A file with limits on reads, since damaged directories lead anywhere."""
 
     def __init__(self, stream: BinaryIO):
         self._stream, self._left = stream, _MOST_READS
@@ -57,10 +55,7 @@ class _Limited:
 
 
 def focus_distance(file: Path, tags: Mapping[str, Any]) -> float | None:
-    """Distance in focus, m; inf for infinity; None if the file doesn't say.
-
-    tags: EXIF's tags by OpenImageIO's names. A tag that can't be is no distance; nothing is raised.
-    """
+    """Focus distance, m; inf for infinity; None where unknown or impossible. tags: EXIF by OpenImageIO's names."""
     written = _metres(tags.get("Exif:SubjectDistance"))
     if written is not None:
         return written

@@ -1,7 +1,7 @@
-"""The one rule by which a name that a file brings belongs to an image: whole paths first, and never by chance.
+"""Match names in COLMAP models, transforms.json, exif.csv and split files to image files.
 
-COLMAP models, LLFF, transforms.json, exif.csv and split files all name images, each relative to some folder, and the
-files may since have been scaled into another folder and format. The first of these steps that finds an image decides:
+The names are relative to some folder, and the files may since have been scaled into another folder and format. The
+first of these steps that finds an image decides:
 
 1. the whole path;
 2. the whole path, upper and lower case of its suffix aside (`a.PNG` for `a.png`);

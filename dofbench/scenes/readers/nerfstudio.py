@@ -64,14 +64,12 @@ def read(
     skip_missing: bool = False,
     offset: Offset | None = None,
 ) -> Scene:
-    """Read the layout; see `load_scene`. offset: the scene's, where it is known already.
+    """Read the layout; see `load_scene`. offset: the scene's, where known.
 
-    transform_matrix is camera-to-world with OpenGL axes. fl_x fl_y cx cy w h k1 k2 k3 p1 p2 stand
-    in a frame or for all frames; camera_angle_x, camera_angle_y where there is no focal length.
-    mask_path: a mask, black where pixels don't count.
-    depth_file_path: z-depth, times `depth_unit_scale_factor` (default 0.001 for PNG, 1 for EXR).
-    Points: ply_file_path, else the COLMAP model beside the file, taken into the file's frame by
-    applied_transform and applied_scale. Views in val_filenames alone are left out.
+    transform_matrix is camera-to-world with OpenGL axes. Intrinsics stand in a frame or for all frames; camera_angle_x,
+    camera_angle_y replace a missing focal length. depth_file_path: z-depth, times `depth_unit_scale_factor` (default
+    0.001 for PNG, 1 for EXR). Points: ply_file_path, else the COLMAP model next to the file, by applied_transform and
+    applied_scale. Views in val_filenames alone are excluded.
     """
     file = root / _FILE
     content = _parse(file)
@@ -82,7 +80,7 @@ def read(
     if not skip_missing or not matched.present():
         refuse_missing(folder, every_path, matched, file)
     entries, paths = ([rows[index] for index in matched.present()] for rows in (entries, every_path))
-    files = [image for image in matched.files if image is not None]
+    files = matched.found()
     splits = _splits(content, every_path, file)
     mended = Mended()
     frames = [
@@ -101,20 +99,16 @@ def read(
         other_format(matched, folder, _FILE),
     )
     check_inside(scene, origin)
-    absent = [path for path, image in zip(every_path, matched.files, strict=True) if image is None]
-    called = dict(zip(files, paths, strict=True))
+    absent, called = matched.missing(every_path), dict(zip(files, paths, strict=True))
     scene = among_all(scene, called, absent)
     if splits is None:
         return held_out(scene, hold, called, absent)
-    lists = LISTS
     if hold is not None:
-        return held_as_asked(scene, hold, [lists, *split_sources(root)])
-    return agreed(replace(scene, split_by=lists), called, absent)
+        return held_as_asked(scene, hold, [LISTS, *split_sources(root)])
+    return agreed(replace(scene, split_by=LISTS), called, absent)
 
 
 def _parse(file: Path) -> dict[str, Any]:
-    if not file.is_file():
-        raise InputError(file, "no such file", "a file transforms.json")
     content = read_json(file)
     frames = content.get("frames") if isinstance(content, dict) else None
     if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
@@ -128,9 +122,9 @@ def _parse(file: Path) -> dict[str, Any]:
 
 
 def with_test_frames(content: Mapping[str, Any], file: Path) -> dict[str, Any]:
-    """The content with ScanNet++'s `test_frames` among its frames and in test_filenames, the others in train_filenames.
+    """Merge ScanNet++'s `test_frames` into frames and test_filenames, the others into train_filenames.
 
-    Raises InputError for such a list that is none, and for one beside lists of names.
+    Raises InputError for a wrong list, and for one together with lists of names.
     """
     tests, frames = content.get("test_frames"), content.get("frames")
     if not tests or not isinstance(frames, list):
@@ -175,8 +169,7 @@ def _number(value: Any, name: str, file: Path) -> float:
 def _images(
     root: Path, paths: Sequence[str], width: int | None, images: str | None, file: Path
 ) -> tuple[Path, MatchedFiles]:
-    """The image file of every frame: as written, or its counterpart in the folder asked for or wide enough; with the
-    folder that has all of them, the root where several have."""
+    """The image file of every frame, as written or in the folder asked for or wide enough, and their common folder."""
     first = {PurePosixPath(path).parts[0] for path in paths}
     inside = all(len(PurePosixPath(path).parts) > 1 for path in paths)
     base = first.pop() if len(first) == 1 and inside else ""
@@ -246,7 +239,7 @@ def _intrinsics(values: Mapping[str, Any], image: Path, file: Path) -> Intrinsic
 def _focal_lengths(
     given: Callable[[str], float | None], width: float, height: float, file: Path
 ) -> tuple[float | None, float | None]:
-    """(fx, fy), pixels: fl_x, fl_y, else of the fields of view (radians); the one that is missing is the other."""
+    """(fx, fy), pixels: fl_x, fl_y, else from the fields of view (radians); a missing one equals the other."""
     focal: list[float | None] = []
     for axis, size in (("x", width), ("y", height)):
         length, angle = given(f"fl_{axis}"), given(f"camera_angle_{axis}")
@@ -279,9 +272,10 @@ def _listed_paths(content: Mapping[str, Any], key: str, file: Path) -> set[str] 
 
 
 def listed_split(content: Mapping[str, Any], file: Path) -> FileSplit | None:
-    """The lists of a transforms.json, for a scene that is read from another file; None without those of train and test.
+    """The lists of a transforms.json, for a scene read from another file; None without train and test lists.
 
-    Raises InputError for lists that are none."""
+    Raises InputError for wrong lists.
+    """
     content = with_test_frames(content, file)
     lists = {part: _listed_paths(content, f"{part}_filenames", file) for part in _PARTS}
     if lists["train"] is None and lists["test"] is None:
@@ -299,8 +293,7 @@ def _set_aside(content: Mapping[str, Any], file: Path) -> set[str]:
 
 
 def _splits(content: Mapping[str, Any], paths: Sequence[str], file: Path) -> dict[str, Split] | None:
-    """Every path's split, by train_filenames and test_filenames; with one of the two, the other views are the other's.
-    None without both."""
+    """Every path's split, by train_filenames and test_filenames, of which one implies the other; None without both."""
     train, test = _listed_paths(content, "train_filenames", file), _listed_paths(content, "test_filenames", file)
     if train is None:
         if test is None:

@@ -23,17 +23,14 @@ _OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 @dataclass
 class Mended:
-    """What was mended of the poses of a file.
-
-    off: of rotations that were rounded, how far the products of their columns are from 0 and 1. scales: of rotations
-    that had one.
-    """
+    """Repairs of the poses of a file. off: of rounded rotations, the error of their columns' products. scales: of
+    scaled rotations."""
 
     off: list[float] = field(default_factory=list)
     scales: list[float] = field(default_factory=list)
 
     def notes(self, file: Path) -> tuple[str, ...]:
-        """For `Scene.noted`: a line for either."""
+        """A line for either, for `Scene.noted`."""
         notes = []
         if self.off:
             count, off = len(self.off), max(self.off)
@@ -50,9 +47,9 @@ class Mended:
 def rigid(matrix: np.ndarray, subject: object, which: str, mended: Mended | None = None) -> np.ndarray:
     """Check a (3, 4) or (4, 4) pose and return it as (4, 4) float64 with an exact rotation.
 
-    A rotation that is off by the rounding of a text file is replaced by the nearest one. mended: where given, so are
-    those rounded to three digits, and a scale that all axes share is divided out; both are added to it. Raises
-    InputError about `subject` (the file) and `which` (the view) for NaN, other scales, shear, reflection.
+    Rotations rounded by a text file are replaced by the nearest exact one. mended: collects, where given, further
+    repairs: rotations of three digits, and a common scale, which is divided out. Raises InputError about `subject` (the
+    file) and `which` (the view) for NaN, other scales, shear, reflection.
     """
     matrix = np.asarray(matrix, dtype=np.float64)
     if matrix.shape not in ((3, 4), (4, 4)):
@@ -80,8 +77,7 @@ def rigid(matrix: np.ndarray, subject: object, which: str, mended: Mended | None
 
 
 def _rounded_or_scaled(rotation: np.ndarray, away: float, mended: Mended) -> tuple[np.ndarray, float]:
-    """The (3, 3) rotation without the scale that its columns share, and how far it is from a rotation; what was done is
-    added to `mended`."""
+    """The (3, 3) rotation without a common scale, and its error; the repair is added to `mended`."""
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         scale = np.sqrt(np.sum(rotation**2) / 3)
         unscaled = rotation / scale
@@ -145,8 +141,7 @@ def checked_poses(scene: Scene) -> Scene:
 
 
 def unchecked(scene: Scene) -> str:
-    """What to say to whoever reads a scene whose poses no points check; empty where there are points. It is said on the
-    terminal alone, and not recorded: nothing was chosen, changed or skipped."""
+    """A remark, for the terminal alone, on a scene without points to check its poses; empty where there are points."""
     return "" if scene.points is not None and len(scene.points) else _UNCHECKED
 
 
@@ -165,8 +160,10 @@ def _convention(poses: np.ndarray, to_world: np.ndarray) -> str:
 
 
 def _inverted(poses: np.ndarray) -> str:
-    """What to say where the cameras look at a subject if their matrices are world-to-camera ones, with OpenGL's axes or
-    OpenCV's; else nothing. poses: world-to-camera as read, (N, 4, 4), OpenCV axes."""
+    """A note where cameras would look at a subject if their matrices (OpenGL's or OpenCV's axes) were inverted.
+
+    poses: world-to-camera as read, (N, 4, 4), OpenCV axes.
+    """
     flip = np.diag([1.0, -1.0, -1.0, 1.0])
     # As the file has it, an OpenGL camera-to-world matrix is invert(pose) @ flip; as a world-to-camera one of OpenGL's
     # axes, its inverse is flip @ pose, whose columns are turned back for OpenCV's.

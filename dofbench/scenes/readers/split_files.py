@@ -38,8 +38,8 @@ _CURE = "; or give --hold N, by which such files aren't read"
 
 @dataclass(frozen=True)
 class FileSplit:
-    """Names by list, as one file, or the files of one folder, give them. source: those files, for messages. partial:
-    views in no list are neither trained on nor scored."""
+    """Names by list, from one file or the files of one folder. source: those, for messages. partial: views in no list
+    are excluded."""
 
     source: str
     file: Path
@@ -48,7 +48,7 @@ class FileSplit:
 
 
 def find_splits(root: Path) -> list[FileSplit]:
-    """What the files of a scene folder say of its split. Raises InputError for files that can't be read."""
+    """The splits in files of a scene folder. Raises InputError for unreadable files."""
     model = find_model(root)
     folders = [root] if model is None else [root, model]
     found = [split for folder in folders if (split := _of_texts(root, folder)) is not None]
@@ -65,7 +65,7 @@ def split_sources(root: Path) -> list[str]:
 
 
 def unread_note(root: Path) -> str:
-    """A note on files in a scene folder that look as if they named a split, and aren't read; empty without any."""
+    """A note on files in a scene folder that are named like a split but aren't read; empty without any."""
     read = {*split_sources(root), *(f"{part}.txt" for part in _LISTS)}
     unread = sorted(path.name for path in root.iterdir() if _ALIKE.fullmatch(path.name) and path.name not in read)
     if not unread:
@@ -74,12 +74,11 @@ def unread_note(root: Path) -> str:
 
 
 def split_by_files(scene: Scene, known_as: Mapping[Path, str], absent: Collection[str] = ()) -> Scene | None:
-    """The scene split as its files say; None where there is no such file.
+    """Split the scene by its files; None without such a file.
 
-    known_as: what the images' files (`SceneView.source`) are called where their poses are, for files that have other
-    names. absent: names of images that were skipped, which are no strangers. With one list of train and test, the
-    other views are the other's; with both, views for validation alone (val) are dropped. Raises InputError for names
-    that no image has, or several; views in two lists or none; and files that contradict each other.
+    known_as: names of the image files (`SceneView.source`) in the file with the poses. absent: names of skipped images,
+    which may be listed. One list of train and test implies the other; with both, views for validation alone (val) are
+    excluded. Raises InputError for names of no image or several, views in two lists or none, and contradicting files.
     """
     found = find_splits(scene.root)
     return split_by(scene, found, known_as, absent) if found else None
@@ -88,7 +87,7 @@ def split_by_files(scene: Scene, known_as: Mapping[Path, str], absent: Collectio
 def split_by(
     scene: Scene, found: Sequence[FileSplit], known_as: Mapping[Path, str], absent: Collection[str] = ()
 ) -> Scene:
-    """As `split_by_files`, for the splits that are given, one at least."""
+    """As `split_by_files`, for given splits, at least one."""
     splits = [_applied(split, scene, known_as, absent) for split in found]
     for split, other in zip(found[1:], splits[1:], strict=True):
         if other != splits[0]:
@@ -106,17 +105,14 @@ def split_by(
 
 
 def agreed(scene: Scene, known_as: Mapping[Path, str], absent: Collection[str]) -> Scene:
-    """`scene`, which is split by its layout's own lists. Raises InputError where files say another split."""
+    """The scene, split by its layout's own lists. Raises InputError where files state another split."""
     by_files = split_by_files(scene, known_as, absent)
     if by_files is not None:
-        differing = {view.name: view.split for view in scene.views}.items() ^ {
-            view.name: view.split for view in by_files.views
-        }.items()
+        differing = {(view.name, view.split) for view in scene.views} ^ {(v.name, v.split) for v in by_files.views}
         if differing:
             names = listed(sorted({name for name, _ in differing}))
-            raise InputError(
-                scene.root, f"{names} in {by_files.split_by} otherwise than in {scene.split_by}", f"one split{_CURE}"
-            )
+            found = f"{names} in {by_files.split_by} otherwise than in {scene.split_by}"
+            raise InputError(scene.root, found, f"one split{_CURE}")
     return scene
 
 
@@ -135,7 +131,7 @@ def _with_splits(scene: Scene, splits: Mapping[str, Split | None], kept: Sequenc
 def _applied(
     split: FileSplit, scene: Scene, known_as: Mapping[Path, str], absent: Collection[str]
 ) -> dict[str, Split | None]:
-    """Every view's split by one file; None for views that are for validation alone."""
+    """Every view's split by one file; None for views for validation alone."""
     index = ImageNames([_names(scene.root, view.source, view.name, known_as) for view in scene.views], partial=True)
     gone = ImageNames([(name,) for name in absent], partial=True)
     lists = {part: _views(split, part, index, scene, gone) for part in split.names}
@@ -158,7 +154,7 @@ def _applied(
 
 
 def _names(root: Path, source: Path, view: str, known_as: Mapping[Path, str]) -> tuple[str, ...]:
-    """What a list may call a view: relative to its folder of images, to the scene's; or its name here."""
+    """Names of a view in a list: relative to its folder of images, or to the scene; or the view's name."""
     path = source.relative_to(root).as_posix() if source.is_relative_to(root) else source.name
     known = known_as.get(source, path.partition("/")[2] or path)
     return known, path, f"images/{known}", view
@@ -178,14 +174,13 @@ def _views(split: FileSplit, part: str, index: ImageNames, scene: Scene, gone: I
     folders = {view.source.parent for view in scene.views}
     strangers = [name for name in unknown if not gone.find(name).images and not _is_image(name, folders)]
     if strangers:
-        raise InputError(
-            split.file, f"{listed(strangers)} in {part}, which no image is called", f"names of images{_CURE}"
-        )
+        found = f"{listed(strangers)} in {part}, which no image is called"
+        raise InputError(split.file, found, f"names of images{_CURE}")
     return views
 
 
 def _is_image(name: str, folders: Iterable[Path]) -> bool:
-    """Whether there is such an image that has no pose: structure from motion doesn't find all."""
+    """Whether the name is that of an image without a pose."""
     files = [path for folder in folders for path in image_files(folder)]
     return bool(ImageNames([(path.as_posix(),) for path in files], partial=True).find(name).images)
 
@@ -227,8 +222,8 @@ def _is_number(value: object) -> bool:
 
 
 def _tables(root: Path) -> dict[Path, tuple[str, list[list[str]]]]:
-    """Rows of the tables in a scene folder that name a split, header first, with their separator: split.tsv and
-    split.csv, and others (.tsv) that have its columns."""
+    """Separator and rows, header first, of tables with a split: split.tsv, split.csv, and other .tsv with its
+    columns."""
     found: dict[Path, tuple[str, list[list[str]]]] = {}
     others = sorted(path for path in root.iterdir() if path.suffix.lower() == ".tsv" and path.name not in _TABLES)
     for file in (*(root / name for name in _TABLES), *others):
@@ -249,8 +244,8 @@ def _tables(root: Path) -> dict[Path, tuple[str, list[list[str]]]]:
 
 
 def _of_table(file: Path, separator: str, rows: Sequence[Sequence[str]]) -> FileSplit:
-    """The split of a table: rows of train, test and val by file name. Rows without one, or without an id where there is
-    such a column, are of images that belong to none, as are images without a row."""
+    """The split of a table by file name. Rows without a split, or without an id where there is such a column, belong to
+    images in no list, as do missing rows."""
     header, *rest = rows
     if not set(_COLUMNS) <= set(header):
         found = f"columns {', '.join(header) or 'none'}"

@@ -13,7 +13,7 @@ from dofbench.core.progress import Progress
 from dofbench.scenes.readers.colmap import read_model
 from dofbench.scenes.reconstruction.mapping import triangulate
 from dofbench.scenes.reconstruction.matching import compare
-from dofbench.scenes.reconstruction.photograph_list import LEAST, Photograph, prepare
+from dofbench.scenes.reconstruction.photograph_list import LEAST, Photograph, Prepared, prepare
 from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
 from dofbench.scenes.visibility import in_front
 
@@ -50,8 +50,7 @@ def triangulated_points(
     # At full size: nothing is shrunk that a method gets at this size.
     size = max(max(camera.width, camera.height) for camera in cameras)
     prepared = prepare(photographs, folder, size, lambda done: None)
-    widest = max(max(photograph.width, photograph.height) for photograph in prepared)
-    error = float(np.clip(_USUAL_ERROR * widest / _USUAL_WIDTH, _LEAST_ERROR, _USUAL_ERROR))
+    error = _error(prepared)
     settings = Reconstruct(work, work, camera_model="PINHOLE", features=_FEATURES, seed=seed)
     compare(database, folder, prepared, (), progress, settings, error=error)
     with progress.stage("points", 1) as advance:
@@ -64,7 +63,17 @@ def triangulated_points(
     found.write_binary(model)
     points = read_model(model).points
     assert points is not None
-    points = in_front(points, [photograph.camera for photograph in prepared if photograph.camera is not None])
+    return _agreed(in_front(points, [photograph.camera for photograph in prepared if photograph.camera is not None]))
+
+
+def _error(photographs: Sequence[Prepared]) -> float:
+    """Pixels by which a photograph may miss a point."""
+    widest = max(max(photograph.width, photograph.height) for photograph in photographs)
+    return float(np.clip(_USUAL_ERROR * widest / _USUAL_WIDTH, _LEAST_ERROR, _USUAL_ERROR))
+
+
+def _agreed(points: PointCloud) -> PointCloud | None:
+    """The points seen in at least two views."""
     assert points.views is not None
     kept = np.array([len(track) > 1 for track in points.views])
     return points.kept(kept) if kept.any() else None

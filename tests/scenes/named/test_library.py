@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import tomllib
-from pathlib import Path
 
 import pytest
 
 from dofbench.core.content import content_folder
 from dofbench.core.errors import InputError
 from dofbench.scenes import LAYOUTS
-from dofbench.scenes.named import NamedDataset, named_datasets
+from dofbench.scenes.named import named_datasets
 from dofbench.scenes.named.library import read_dataset, read_library, source_of
 
 FILES = sorted(content_folder("datasets").glob("*.toml"))
@@ -32,7 +31,7 @@ name = "one"
 SCENE_ROLE = GOOD.replace('role = "report"\n', "") + 'role = "report"\n'
 
 
-def test_every_file_is_a_dataset_called_as_the_file() -> None:
+def test_every_file_is_a_dataset_called_as_the_file():
     assert {read_dataset(path).id for path in FILES} == {path.stem for path in FILES} == set(LIBRARY)
     assert {
         "tabletop",
@@ -48,14 +47,14 @@ def test_every_file_is_a_dataset_called_as_the_file() -> None:
 
 
 @pytest.mark.parametrize("dataset", LIBRARY.values(), ids=list(LIBRARY))
-def test_every_dataset_says_whose_it_is_and_how_to_read_it(dataset: NamedDataset) -> None:
+def test_every_dataset_says_whose_it_is_and_how_to_read_it(dataset):
     assert dataset.title and dataset.origin and dataset.licence
     assert dataset.citation or dataset.licence.startswith("CC0")
     layouts = {source_of(LIBRARY, dataset, scene)[0].layout for scene in dataset.scenes} or {dataset.layout}
     assert layouts <= {*LAYOUTS, "blb"}
 
 
-def test_no_folder_belongs_to_two_scenes() -> None:
+def test_no_folder_belongs_to_two_scenes():
     """Else one folder would be found as two scenes."""
     places = [
         place
@@ -67,7 +66,7 @@ def test_no_folder_belongs_to_two_scenes() -> None:
     assert len(set(places)) == len(places)
 
 
-def test_the_papers_set() -> None:
+def test_the_papers_set():
     """DoF-Gaussian's supplement: seven LLFF scenes, Train and Truck; F 0.2, 0.5, 0.8, A 0.5, 1; two rooms left out."""
     dataset = LIBRARY["dof-gaussian"]
     assert [scene.of for scene in dataset.scenes] == [
@@ -81,7 +80,7 @@ def test_the_papers_set() -> None:
     assert said == {f"{other}/{scene.name}" for other in ("llff", "tandt-db") for scene in LIBRARY[other].scenes}
 
 
-def test_held_out_views_of_the_real_defocus_scenes() -> None:
+def test_held_out_views_of_the_real_defocus_scenes():
     """docs/published-methods.md, "Data sets": from the configurations of Deblur-NeRF and BAGS."""
     held = {scene.name: scene.hold for scene in LIBRARY["deblur-nerf-real"].scenes}
     assert held == {
@@ -100,7 +99,7 @@ def test_held_out_views_of_the_real_defocus_scenes() -> None:
     assert (synthetic.hold, len(synthetic.scenes)) == (8, 5)
 
 
-def test_built_in_scenes_come_first() -> None:
+def test_built_in_scenes_come_first():
     flags = [dataset.built_in for dataset in LIBRARY.values()]
     assert flags[0] and flags == sorted(flags, reverse=True)
 
@@ -138,7 +137,7 @@ def test_built_in_scenes_come_first() -> None:
         (SCENE_ROLE + '[[scenes]]\nname = "two"\nof = "small/one"\nviews = 3', "two is small/one"),
     ],
 )
-def test_a_wrong_file_is_named(tmp_path: Path, text: str, found: str) -> None:
+def test_a_wrong_file_is_named(tmp_path, text, found):
     assert tomllib.loads(GOOD)
     path = tmp_path / "small.toml"
     path.write_text(text)
@@ -148,7 +147,7 @@ def test_a_wrong_file_is_named(tmp_path: Path, text: str, found: str) -> None:
 
 
 @pytest.mark.parametrize("target", ["nobody/one", "small/two", "again/one"])
-def test_a_scene_of_another_dataset_must_be_there(tmp_path: Path, target: str) -> None:
+def test_a_scene_of_another_dataset_must_be_there(tmp_path, target):
     again = 'id = "again"\ntitle = "A"\norigin = "o"\nlicence = "l"\n[[scenes]]\nname = "one"\nof = "{}"'
     (tmp_path / "small.toml").write_text(GOOD)
     (tmp_path / "again.toml").write_text(again.format("small/one"))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +11,7 @@ from dofbench.cli import app
 from dofbench.core.errors import InputError
 from dofbench.scenes.export import write_colmap, write_poses_bounds, write_transforms
 from dofbench.scenes.listing import inspect
-from dofbench.scenes.named import NamedDataset, named_datasets, resolve
+from dofbench.scenes.named import named_datasets, resolve
 from dofbench.scenes.named.library import source_of
 from dofbench.scenes.named.schema import NamedScene
 
@@ -23,7 +21,7 @@ COUNT = 20
 
 
 @pytest.fixture(scope="module")
-def photograph(tmp_path_factory: pytest.TempPathFactory, write_images: Callable) -> Path:
+def photograph(tmp_path_factory, write_images):
     """One image, which all scenes here are made of."""
     folder = tmp_path_factory.mktemp("one")
     write_images(folder, ["a.png"], SIZE)
@@ -31,15 +29,15 @@ def photograph(tmp_path_factory: pytest.TempPathFactory, write_images: Callable)
 
 
 @pytest.fixture
-def write_scene(photograph: Path, make_cameras: Callable, make_cloud: Callable) -> Callable[[Path, str, int], None]:
+def write_scene(photograph, make_cameras, make_cloud):
     """`write_scene(folder, layout, count)`: a scene in just that layout."""
 
-    def images(folder: Path, names: list[str]) -> None:
+    def images(folder, names):
         folder.mkdir(parents=True)
         for name in names:
             (folder / name).hardlink_to(photograph)
 
-    def write(root: Path, layout: str, count: int) -> None:
+    def write(root, layout, count):
         names = [f"{index:05d}.png" for index in range(count)]
         cameras = make_cameras(count, size=(2 * SIZE[0], 2 * SIZE[1]))
         cloud = make_cloud(cameras)
@@ -73,9 +71,7 @@ ALL = [
 
 
 @pytest.mark.parametrize(("dataset", "scene"), ALL, ids=[f"{dataset.id}/{scene.name}" for dataset, scene in ALL])
-def test_every_named_scene_is_found_and_read(
-    tmp_path: Path, write_scene: Callable[[Path, str, int], None], dataset: NamedDataset, scene: NamedScene
-) -> None:
+def test_every_named_scene_is_found_and_read(tmp_path, write_scene, dataset, scene):
     source, original = source_of(LIBRARY, dataset, scene)
     # Large scenes are written with fewer images than required, since 300 images wouldn't test more.
     count = min(original.views or COUNT, COUNT)
@@ -105,13 +101,13 @@ def test_every_named_scene_is_found_and_read(
     assert presence.training + presence.test == count
 
 
-def test_a_whole_scene_is_complete(tmp_path: Path, write_scene: Callable[[Path, str, int], None]) -> None:
+def test_a_whole_scene_is_complete(tmp_path, write_scene):
     write_scene(tmp_path / "nerf_llff_data" / "orchids", "llff", 25)
     presence = inspect(resolve("llff/orchids", tmp_path)[0])
     assert (presence.state, presence.training, presence.test) == ("complete", 21, 4) and not presence.is_problem
 
 
-def test_a_marker_that_contradicts_is_said(tmp_path: Path, write_scene: Callable[[Path, str, int], None]) -> None:
+def test_a_marker_that_contradicts_is_said(tmp_path, write_scene):
     root = tmp_path / "real_defocus_blur" / "defocuscups"
     write_scene(root, "deblurnerf", COUNT)
     (root / "hold=8").touch()
@@ -122,13 +118,13 @@ def test_a_marker_that_contradicts_is_said(tmp_path: Path, write_scene: Callable
     assert presence.state == "different" and "hold=6" in presence.detail and "expected hold=8" in presence.detail
 
 
-def test_what_cannot_be_read_is_said_with_the_reason(tmp_path: Path) -> None:
+def test_what_cannot_be_read_is_said_with_the_reason(tmp_path):
     (tmp_path / "llff_room").mkdir()
     presence = inspect(resolve("llff/room", tmp_path)[0])
     assert presence.state == "unreadable" and presence.is_problem and "llff_room" in presence.detail
 
 
-def test_somebody_elses_scene_json_is_not_ours(tmp_path: Path) -> None:
+def test_somebody_elses_scene_json_is_not_ours(tmp_path):
     (tmp_path / "scenes" / "other").mkdir(parents=True)
     (tmp_path / "scenes" / "other" / "scene.json").write_text('{"schema": "something else"}')
     for text in ("rendered/other", "rendered"):
@@ -136,7 +132,7 @@ def test_somebody_elses_scene_json_is_not_ours(tmp_path: Path) -> None:
             resolve(text, tmp_path)
 
 
-def test_two_folders_of_one_name_are_one_scene(tmp_path: Path, write_scene: Callable[[Path, str, int], None]) -> None:
+def test_two_folders_of_one_name_are_one_scene(tmp_path, write_scene):
     for place in LIBRARY["rendered"].folders[:2]:
         write_scene(tmp_path / place.replace("{scene}", "fence"), "nerfstudio", 9)
     (scene,) = resolve("rendered", tmp_path)
@@ -144,13 +140,7 @@ def test_two_folders_of_one_name_are_one_scene(tmp_path: Path, write_scene: Call
 
 
 @pytest.mark.parametrize("given", ["option", "variable"])
-def test_the_command_lists_what_is_here_and_what_to_put_where(
-    tmp_path: Path,
-    write_scene: Callable[[Path, str, int], None],
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    given: str,
-) -> None:
+def test_the_command_lists_what_is_here_and_what_to_put_where(tmp_path, write_scene, capsys, monkeypatch, given):
     write_scene(tmp_path / "nerf_llff_data" / "orchids", "llff", 25)
     write_scene(tmp_path / "real_defocus_blur" / "defocussausage", "deblurnerf", COUNT)
     monkeypatch.delenv("DOFBENCH_DATA", raising=False)
@@ -168,9 +158,7 @@ def test_the_command_lists_what_is_here_and_what_to_put_where(
     assert f"put scenes/SCENE or rendered/SCENE in {tmp_path}; made by `dofbench make-scene all`" in text
 
 
-def test_the_command_without_a_data_root_lists_all_and_says_how_to_look(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_without_a_data_root_lists_all_and_says_how_to_look(capsys, monkeypatch):
     monkeypatch.delenv("DOFBENCH_DATA", raising=False)
     assert app.main(["scenes"]) == 0
     text = capsys.readouterr().out
@@ -178,16 +166,14 @@ def test_the_command_without_a_data_root_lists_all_and_says_how_to_look(
     assert "--data-root DIR, or set DOFBENCH_DATA" in text and "absent" not in text
 
 
-def test_the_command_fails_when_something_here_is_not_whole(
-    tmp_path: Path, write_scene: Callable[[Path, str, int], None], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_fails_when_something_here_is_not_whole(tmp_path, write_scene, capsys):
     write_scene(tmp_path / "nerf_llff_data" / "orchids", "llff", 24)
     assert app.main(["scenes", "--data-root", str(tmp_path)]) == 1
     assert "incomplete" in capsys.readouterr().out
     assert app.main(["scenes", "--data-root", str(tmp_path / "nowhere")]) == 2
 
 
-def test_real_scenes_are_complete(real_data: Callable[[str], Path]) -> None:
+def test_real_scenes_are_complete(real_data):
     root = real_data("llff_fern").parent
     here = {found.scene.label: found for found in map(inspect, resolve("llff", root)) if found.state != "absent"}
     assert {label: (found.state, found.training, found.test) for label, found in here.items()} == {

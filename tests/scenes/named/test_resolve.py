@@ -19,10 +19,10 @@ Write = Callable[..., None]
 
 
 @pytest.fixture
-def shelf(tmp_path: Path, make_cameras: Callable, write_images: Write) -> Path:
+def shelf(tmp_path, make_cameras, write_images):
     """A data root with two LLFF scenes under their different names, and one of Deblur-NeRF's."""
 
-    def write(folder: Path, count: int, sizes: dict[str, tuple[int, int]]) -> None:
+    def write(folder, count, sizes):
         for images, size in sizes.items():
             write_images(folder / images, ["000.png"], size)
             for index in range(1, count):
@@ -37,25 +37,25 @@ def shelf(tmp_path: Path, make_cameras: Callable, write_images: Write) -> Path:
     return tmp_path
 
 
-def test_a_folder_is_itself(shelf: Path, tmp_path: Path) -> None:
+def test_a_folder_is_itself(shelf, tmp_path):
     (scene,) = resolve(str(tmp_path / "nerf_llff_data"), None)
     assert (scene.root, scene.label, scene.name) == (tmp_path / "nerf_llff_data", "nerf_llff_data", "nerf_llff_data")
     assert (scene.dataset, scene.layout, scene.hold, scene.licence) == (None, "auto", None, "not stated")
 
 
-def test_a_folder_of_a_known_scene_has_its_citation_but_not_its_recipe(shelf: Path) -> None:
+def test_a_folder_of_a_known_scene_has_its_citation_but_not_its_recipe(shelf):
     (scene,) = resolve(str(shelf / "llff_leaves"), None)
     assert scene.dataset == "llff" and "NeRF" in scene.citation[1]
     assert (scene.layout, scene.hold, scene.recipe.width, scene.label) == ("auto", None, None, "llff_leaves")
 
 
-def test_a_folder_called_as_a_known_scene_whose_files_differ_is_not_it(shelf: Path) -> None:
+def test_a_folder_called_as_a_known_scene_whose_files_differ_is_not_it(shelf):
     (shelf / "llff_leaves").rename(shelf / "llff_fern")
     (scene,) = resolve(str(shelf / "llff_fern"), None)
     assert scene.dataset is None and not scene.citation
 
 
-def test_a_folder_of_a_known_set_of_blurred_photographs_is_read_as_such(shelf: Path) -> None:
+def test_a_folder_of_a_known_set_of_blurred_photographs_is_read_as_such(shelf):
     (scene,) = resolve(str(shelf / "real_defocus_blur" / "defocuscups"), None)
     assert (scene.dataset, scene.layout, scene.hold) == ("deblur-nerf-real", "deblurnerf", 8)
     loaded = scene.load()
@@ -63,7 +63,7 @@ def test_a_folder_of_a_known_set_of_blurred_photographs_is_read_as_such(shelf: P
     assert [view.name for view in loaded.test_views()] == ["000", "008"]
 
 
-def test_a_rendered_scene_says_whose_it_is(shelf: Path) -> None:
+def test_a_rendered_scene_says_whose_it_is(shelf):
     folder = shelf / "rendered" / "glasses"
     folder.mkdir(parents=True)
     content = {"schema": "dofbench-scene", "licence": "CC0-1.0", "origin": "made", "citation": "a report"}
@@ -74,26 +74,26 @@ def test_a_rendered_scene_says_whose_it_is(shelf: Path) -> None:
     assert scene.label == "rendered/glasses"
 
 
-def test_the_built_in_scene_needs_no_data_root() -> None:
+def test_the_built_in_scene_needs_no_data_root():
     (scene,) = resolve("tabletop", None)
     assert (scene.root, scene.label, scene.name) == (content_folder("datasets") / "tabletop", "tabletop", "tabletop")
     assert len(scene.load().views) == scene.views == 20
 
 
-def test_a_built_in_scene_that_a_wheel_lacks_names_the_command_that_makes_it(tmp_path: Path, monkeypatch) -> None:
+def test_a_built_in_scene_that_a_wheel_lacks_names_the_command_that_makes_it(tmp_path, monkeypatch):
     monkeypatch.setattr(places, "content_folder", lambda name: tmp_path)
     with pytest.raises(InputError, match=r"not part of this installation.*make-scene night .*--out thinlens/night"):
         resolve("thinlens/night", None)
 
 
-def test_one_scene_of_a_dataset(shelf: Path) -> None:
+def test_one_scene_of_a_dataset(shelf):
     (scene,) = resolve("llff/orchids", shelf)
     assert (scene.root, scene.name, scene.hold) == (shelf / "nerf_llff_data" / "orchids", "llff-orchids", 8)
     loaded = scene.load()
     assert (loaded.name, loaded.views[0].camera.width, len(loaded.test_views())) == ("llff-orchids", 504, 4)
 
 
-def test_options_that_are_given_win(shelf: Path) -> None:
+def test_options_that_are_given_win(shelf):
     (scene,) = resolve("llff/orchids", shelf)
     assert scene.load(width=100).views[0].camera.width == 100
     wide = scene.load(images="images_4", hold=5)
@@ -103,7 +103,7 @@ def test_options_that_are_given_win(shelf: Path) -> None:
         scene.load(layout="colmap")
 
 
-def test_all_scenes_of_a_dataset_with_those_that_are_absent(shelf: Path) -> None:
+def test_all_scenes_of_a_dataset_with_those_that_are_absent(shelf):
     scenes = resolve("llff", shelf)
     assert [scene.label for scene in scenes] == [f"llff/{scene.name}" for scene in named_datasets()["llff"].scenes]
     assert {scene.label for scene in scenes if not scene.missing} == {"llff/orchids", "llff/leaves"}
@@ -113,19 +113,19 @@ def test_all_scenes_of_a_dataset_with_those_that_are_absent(shelf: Path) -> None
         fern.load()
 
 
-def test_a_scene_of_the_papers_set_is_its_source_with_both_citations(shelf: Path) -> None:
+def test_a_scene_of_the_papers_set_is_its_source_with_both_citations(shelf):
     paper, source = resolve("dof-gaussian/orchids", shelf)[0], resolve("llff/orchids", shelf)[0]
     assert paper.root == source.root and paper.reading() == source.reading()
     assert paper.licence == source.licence and paper.name == "dof-gaussian-orchids"
     assert paper.citation[1:] == source.citation and "DoF-Gaussian" in paper.citation[0]
 
 
-def test_the_first_choice_of_folders_wins(shelf: Path) -> None:
+def test_the_first_choice_of_folders_wins(shelf):
     (shelf / "llff_orchids").mkdir()
     assert resolve("llff/orchids", shelf)[0].root == shelf / "nerf_llff_data" / "orchids"
 
 
-def test_a_folder_wins_over_a_name(shelf: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_wins_over_a_name(shelf, monkeypatch):
     (shelf / "llff" / "fern").mkdir(parents=True)
     monkeypatch.chdir(shelf)
     assert resolve("llff/fern", None)[0].root == Path("llff/fern")
@@ -148,13 +148,13 @@ def test_a_folder_wins_over_a_name(shelf: Path, monkeypatch: pytest.MonkeyPatch)
         ("", "a scene folder, or one of"),
     ],
 )
-def test_unknown_names_are_answered_with_close_ones(shelf: Path, text: str, expected: str) -> None:
+def test_unknown_names_are_answered_with_close_ones(shelf, text, expected):
     with pytest.raises(InputError) as caught:
         resolve(text, shelf)
     assert expected in caught.value.expected and "\n" not in str(caught.value)
 
 
-def test_absent_scenes_are_answered_with_what_to_put_where(shelf: Path) -> None:
+def test_absent_scenes_are_answered_with_what_to_put_where(shelf):
     with pytest.raises(InputError, match=r"llff/room: found none of it in .*, expected nerf_llff_data/room"):
         resolve("llff/room", shelf)
     with pytest.raises(InputError, match=r"llff: found no data root, expected nerf_llff_data/SCENE.* --data-root"):
@@ -167,7 +167,7 @@ def test_absent_scenes_are_answered_with_what_to_put_where(shelf: Path) -> None:
         resolve("dof-nerf/plant", shelf)
 
 
-def test_data_root(shelf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_data_root(shelf, tmp_path, monkeypatch):
     monkeypatch.delenv("DOFBENCH_DATA", raising=False)
     assert find_data_root() is None
     monkeypatch.setenv("DOFBENCH_DATA", str(shelf))
@@ -181,7 +181,7 @@ def test_data_root(shelf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.parametrize(("name", "views"), [("fern", 20), ("flower", 34)])
-def test_real_scenes_are_found_as_what_they_are(real_data: Callable[[str], Path], name: str, views: int) -> None:
+def test_real_scenes_are_found_as_what_they_are(real_data, name, views):
     root = real_data(f"llff_{name}").parent
     (scene,) = resolve(f"llff/{name}", root)
     assert scene.root == root / f"llff_{name}" and scene.views == views

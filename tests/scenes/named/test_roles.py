@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shlex
 import shutil
-from pathlib import Path
 
 import pytest
 
@@ -33,14 +32,14 @@ LOOKED_AT = {
 }
 
 
-def scene_json(folder: Path, recipe: str, seed: int) -> Path:
+def scene_json(folder, recipe, seed):
     folder.mkdir(parents=True)
     made = {"schema": "dofbench-scene", "recipe": recipe, "seed": seed, "licence": "CC0-1.0"}
     (folder / "scene.json").write_text(json.dumps(made))
     return folder
 
 
-def test_every_scene_has_a_role_and_what_was_looked_at_is_for_development() -> None:
+def test_every_scene_has_a_role_and_what_was_looked_at_is_for_development():
     roles = {
         f"{dataset.id}/{scene.name}": role_of_scene(LIBRARY, dataset, scene)
         for dataset in LIBRARY.values()
@@ -54,7 +53,7 @@ def test_every_scene_has_a_role_and_what_was_looked_at_is_for_development() -> N
     assert roles["dof-gaussian/room"] == StatedRole("report", "llff/room")
 
 
-def test_recipes_are_of_one_role_each() -> None:
+def test_recipes_are_of_one_role_each():
     """`make-scene all` makes those for development, and a report scene is one recipe with one seed."""
     assert set(LIBRARY["rendered"].recipes) == set(DEVELOPMENT) and LIBRARY["rendered"].role == "development"
     report = {scene.rendered.recipe: scene.rendered.seed for scene in LIBRARY["report"].scenes if scene.rendered}
@@ -64,7 +63,7 @@ def test_recipes_are_of_one_role_each() -> None:
 
 
 @pytest.mark.parametrize("scene", LIBRARY["report"].scenes, ids=lambda scene: scene.name)
-def test_the_command_of_a_report_scene_makes_it(scene) -> None:
+def test_the_command_of_a_report_scene_makes_it(scene):
     command = shlex.split(scene.made_by)
     assert command[0] == "dofbench"
     settings = app.parse(command[1:])
@@ -86,13 +85,13 @@ def test_the_command_of_a_report_scene_makes_it(scene) -> None:
         (None, None, None),
     ],
 )
-def test_a_rendered_scene_by_recipe_and_seed(tmp_path: Path, recipe, seed, role) -> None:
+def test_a_rendered_scene_by_recipe_and_seed(tmp_path, recipe, seed, role):
     assert role_of_recipe(recipe, seed) == role
     (scene,) = resolve(str(scene_json(tmp_path / "mine", recipe, seed)), None)
     assert (scene.role, scene.role_by) == ((role.role, role.by) if role else (None, ""))
 
 
-def test_a_scene_by_name_and_by_its_path(tmp_path: Path) -> None:
+def test_a_scene_by_name_and_by_its_path(tmp_path):
     for place in ("llff_room", "nerf_llff_data/leaves", "shallow_chessking", "report/vr_desk", "somebody/desk"):
         (tmp_path / place).mkdir(parents=True)
     by_name = resolve("dof-gaussian/room", tmp_path)[0]
@@ -103,7 +102,7 @@ def test_a_scene_by_name_and_by_its_path(tmp_path: Path) -> None:
     assert resolve(str(tmp_path / "somebody" / "desk"), None)[0].role is None
 
 
-def test_a_copy_under_another_name_by_its_checksums(tmp_path: Path) -> None:
+def test_a_copy_under_another_name_by_its_checksums(tmp_path):
     copy = tmp_path / "my own scene"
     copy.mkdir()
     shutil.copy(content_folder("datasets") / "tabletop" / "SHA256SUMS", copy)
@@ -113,7 +112,7 @@ def test_a_copy_under_another_name_by_its_checksums(tmp_path: Path) -> None:
     assert resolve(str(copy), None)[0].role is None
 
 
-def test_another_seed_is_not_the_report_scene(tmp_path: Path) -> None:
+def test_another_seed_is_not_the_report_scene(tmp_path):
     scene_json(tmp_path / "report" / "attic", "attic", 0)
     with pytest.raises(InputError, match="holds a scene of another recipe or seed") as caught:
         resolve("report/attic", tmp_path)
@@ -140,5 +139,5 @@ def test_another_seed_is_not_the_report_scene(tmp_path: Path) -> None:
         (None, "llff/fern", "role not stated, and yet by llff/fern"),
     ],
 )
-def test_a_recorded_role_is_compared_with_the_files(role, by: str, said: str) -> None:
+def test_a_recorded_role_is_compared_with_the_files(role, by, said):
     assert (said in contradiction(role, by)) if said else contradiction(role, by) == ""
