@@ -79,3 +79,10 @@ class Recorder:
 
     def stage(self, name: str, done: int, total: int) -> None:
         """Nothing is shown of it."""
+
+
+def ply_text(xyz):
+    """An ASCII PLY file with these points (N, 3)."""
+    head = "".join(f"property double {axis}\n" for axis in "xyz")
+    rows = "".join(" ".join(map(repr, map(float, row))) + "\n" for row in xyz)
+    return f"ply\nformat ascii 1.0\nelement vertex {len(xyz)}\n{head}end_header\n{rows}"

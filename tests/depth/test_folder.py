@@ -84,13 +84,10 @@ def test_a_damaged_map_is_one_line_that_names_it(tmp_path, name, content, word):
     assert name in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_a_map_of_another_size_is_refused(tmp_path):
+def test_maps_of_another_size_and_missing_folders(tmp_path):
     np.save(tmp_path / "v0.npy", DEPTH.T)
     scene = with_folder_depth(SCENE, tmp_path, 1.0)
     with pytest.raises(InputError, match="shape"):
         open_source("folder", scene, steps=1, seed=0, work=tmp_path).estimate(scene.views[0])
-
-
-def test_a_folder_must_be_there(tmp_path):
     with pytest.raises(InputError, match="no such folder"):
         with_folder_depth(SCENE, tmp_path / "none", 1.0)

@@ -40,14 +40,11 @@ def test_presets_ask_for_their_networks_sizes(tmp_path, preset, size, expected):
     assert read_description(tmp_path / "n.onnx").input_size(*size) == expected
 
 
-def test_a_preset_gives_way_to_what_the_file_says(tmp_path):
+def test_presets_give_way_and_fixed_sizes_win(tmp_path):
     (tmp_path / "n.onnx.toml").write_text('preset = "depth-pro"\nlongest = 100\noutput = "depth"\n')
     description = read_description(tmp_path / "n.onnx")
     assert (description.output, description.size, description.longest) == ("depth", None, 100)
     assert description.mean == PRESETS["depth-pro"]["mean"]
-
-
-def test_a_network_of_one_size_is_fed_that(tmp_path):
     network = Network(write_network(tmp_path / "n.onnx", fixed=(40, 32), side='preset = "midas"\n'))
     assert network.predict(IMAGE, "v").shape == (32, 40)
 
@@ -109,11 +106,15 @@ def test_a_side_file_that_is_wrong(tmp_path, side, word):
     one_line(caught.value, "n.onnx.toml", word)
 
 
-def test_a_size_that_the_network_has_not(tmp_path):
+def test_refused_images(tmp_path):
     path = write_network(tmp_path / "n.onnx", fixed=(32, 32), side='size = [64, 32]\noutput = "depth"\n')
     with pytest.raises(InputError) as caught:
         Network(path).predict(IMAGE, "v")
     one_line(caught.value, "n.onnx.toml", "64", "32")
+    path = write_network(tmp_path / "n.onnx", lambda image: image[:, :1] + torch.zeros(1, 1, 32, 32))
+    with pytest.raises(InputError) as caught:
+        Network(path).predict(IMAGE, "v7")
+    one_line(caught.value, "n.onnx", "view v7", "64x48")
 
 
 @pytest.mark.parametrize("content", [b"", b"no network", None])
@@ -141,21 +142,11 @@ def test_an_output_that_is_no_map(tmp_path, function, words):
     one_line(caught.value, "n.onnx", *words)
 
 
-def test_a_network_that_fails_on_the_image(tmp_path):
-    path = write_network(tmp_path / "n.onnx", lambda image: image[:, :1] + torch.zeros(1, 1, 32, 32))
-    with pytest.raises(InputError) as caught:
-        Network(path).predict(IMAGE, "v7")
-    one_line(caught.value, "n.onnx", "view v7", "64x48")
-
-
-def test_what_a_name_means(tmp_path):
+def test_samples_and_names(tmp_path):
     path = write_network(tmp_path / "n.onnx")
     assert find_network(str(path)) == path
     with pytest.raises(InputError, match="no such file"):
         find_network("nonesuch")
-
-
-def test_samples_are_at_pixel_centres():
     values = np.arange(12, dtype=np.float32).reshape(3, 4)
     xy = np.array([[0.5, 0.5], [3.5, 2.5], [1.0, 0.5], [0.0, 0.0]])
     np.testing.assert_allclose(sampled(values, xy, 4, 3), [0, 11, 0.5, 0], atol=FLOAT32_VALUE)

@@ -162,9 +162,6 @@ def test_look_alikes_are_found_by_their_own_vocabulary():
     pairs = look_alikes(vectors, 4)
     assert all(first % 3 == second % 3 for first, second in pairs) and len(pairs) == 30
     np.testing.assert_array_equal(signatures(descriptors, seed=0), vectors)
-
-
-def test_a_photograph_without_features_looks_like_no_other():
     empty = np.zeros((0, 128), np.uint8)
     assert not signatures([empty, empty], seed=0).any()
     full = np.random.default_rng(0).integers(0, 256, (50, 128)).astype(np.uint8)

@@ -85,14 +85,11 @@ def test_lenses_are_stated_in_both_units(made):
         assert read_exr(made / entry["image"]).shape == (30, 40, 3)
 
 
-def test_a_complete_scene_is_left_alone(made):
+def test_a_complete_scene_is_left_alone_and_continued(made, tmp_path):
     before = {path: path.stat().st_mtime_ns for path in made.rglob("*")}
     assert call(made) == 0
     assert {path: path.stat().st_mtime_ns for path in made.rglob("*")} == before
-
-
-def test_a_folder_goes_on_where_it_stopped(made, tmp_path):
-    """Two files and the sums lost: made again, byte for byte, and a new lens joins the others."""
+    # Two files and the sums lost: made again, byte for byte, and a new lens joins the others.
     import shutil
 
     copy = shutil.copytree(made, tmp_path / "copy")

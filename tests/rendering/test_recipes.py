@@ -92,7 +92,7 @@ def test_an_orbit_keeps_its_distance_and_spans_its_arc():
     assert angle(made[-1]) - angle(made[0]) == pytest.approx(90 * 8 / 9)
 
 
-def test_merged_meshes_keep_their_parts():
+def test_shapes_keep_their_measures():
     parts = [box(0, 0, (1, 2, 3)), rod((0, 0, 0), (0, 0, 2), 0.1), leaf((0, 0, 0), (0.2, 0, 0), (0, 0, 1), 0.1)]
     whole = merged(parts)
     start = 0
@@ -101,18 +101,12 @@ def test_merged_meshes_keep_their_parts():
         np.testing.assert_array_equal(whole.vertices[chosen], part.vertices[part.faces])
         start += len(part.faces)
     assert start == len(whole.faces) and whole.uv.shape == (len(whole.vertices), 2)
-
-
-def test_a_rod_has_its_radius_and_ground_its_height():
     stick = rod((1, 2, 3), (1, 2, 5), 0.25)
     np.testing.assert_allclose(np.hypot(*(stick.vertices[:, :2] - (1, 2)).T), 0.25)
     land = ground(np.linspace(-1, 1, 5), np.linspace(0, 2, 4), lambda x, y: x + 2 * y, 1.0)
     np.testing.assert_allclose(land.vertices[:, 2], land.vertices[:, 0] + 2 * land.vertices[:, 1])
     up = np.cross(*(np.diff(land.vertices[land.faces], axis=1).transpose(1, 0, 2)))
     assert (up[:, 2] > 0).all()
-
-
-def test_sky_directions_cover_the_sphere():
     way = directions(64)
     np.testing.assert_allclose(np.linalg.norm(way, axis=-1), 1, rtol=FLOAT64_VALUE)
     assert way[0, :, 2].min() > 0.99 and way[-1, :, 2].max() < -0.99

@@ -21,17 +21,6 @@ def restored(variant):
     mi.set_variant(variant)
 
 
-def test_a_library_that_does_not_work_means_the_scalar_variant(restored, monkeypatch, tmp_path):
-    library = tmp_path / "libLLVM-99.so"
-    library.write_text("no library")
-    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(library))
-    chosen, remark = choose_variant()
-    assert chosen == SCALAR
-    assert str(library) in remark and "slower" in remark
-    with pytest.raises(InputError, match="libLLVM"):
-        choose_variant(VECTORISED)
-
-
 def test_a_library_that_aborts_the_process_is_survived(restored, monkeypatch):
     """Debian's LLVM 15 loads, then aborts at the first render."""
     old = Path("/usr/lib/x86_64-linux-gnu/libLLVM-15.so.1")
@@ -41,10 +30,18 @@ def test_a_library_that_aborts_the_process_is_survived(restored, monkeypatch):
     assert choose_variant()[0] == SCALAR
 
 
-def test_by_name(restored):
+def test_the_scalar_variant_by_name_or_for_want_of_a_library(restored, monkeypatch, tmp_path):
     assert choose_variant(SCALAR) == (SCALAR, "")
     with pytest.raises(InputError, match="auto or one of"):
         choose_variant("fast")
+    library = tmp_path / "libLLVM-99.so"
+    library.write_text("no library")
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(library))
+    chosen, remark = choose_variant()
+    assert chosen == SCALAR
+    assert str(library) in remark and "slower" in remark
+    with pytest.raises(InputError, match="libLLVM"):
+        choose_variant(VECTORISED)
 
 
 def test_without_mitsuba_it_is_one_line(monkeypatch, capsys, tmp_path):

@@ -73,7 +73,7 @@ def test_without_exif_the_line_says_where_it_could_stand(scene, tmp_path):
         ({"train_f_number": 2.0}, "--train-f-number", "no --test-f-number"),
         ({"test_f_number": 2.0}, "--test-f-number", "no --train-f-number"),
         ({"train_f_number": 2.0, "test_f_number": 2.0}, "--train-f-number", "as --test-f-number"),
-        ({"train_f_number": -2.0, "test_f_number": 8.0}, "--train-f-number", "-2.0"),
+        ({"train_f_number": -2.0, "test_f_number": 8.0}, "--train-f-number", "found -2"),
         ({"train_f_number": 2.0, "test_f_number": 8.0, "hold": 8}, "--train-f-number", "--hold 8 too"),
     ],
 )

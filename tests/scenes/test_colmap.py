@@ -69,15 +69,12 @@ def test_text_models(scene_folder, model, extra_files):
     np.testing.assert_allclose(found.points.xyz, expected.points.xyz)
 
 
-def test_binary_model_of_new_colmap(scene_folder, model):
+def test_a_new_binary_model_and_one_directly_in_sparse(scene_folder, model):
     expected = load_scene(scene_folder)
     pycolmap.Reconstruction(str(model)).write_binary(str(model))
     assert (model / "rigs.bin").is_file()
     found = load_scene(scene_folder)
     assert [view.name for view in found.views] == [view.name for view in expected.views]
-
-
-def test_model_directly_in_sparse(scene_folder, model):
     for file in list(model.iterdir()):
         file.rename(model.parent / file.name)
     assert load_scene(scene_folder).layout == "colmap"
@@ -269,13 +266,10 @@ def test_a_scene_is_called_after_the_folder_that_a_person_named(
     assert load_scene(Path()).name == "chess"
 
 
-def test_a_number_that_a_person_gave_is_a_name(scene_folder, tmp_path_factory):
+def test_a_numbered_scene_and_another_of_its_models(scene_folder, tmp_path_factory, model):
     root = tmp_path_factory.mktemp("scans") / "24"
     shutil.copytree(scene_folder, root)
     assert load_scene(root).name == "24" == load_scene(root / "sparse" / "0").name
-
-
-def test_another_model_beside_the_one_that_is_read_is_not_taken_for_it(scene_folder, model):
     shutil.copytree(model, model.parent / "1")
     with pytest.raises(InputError, match=r"sparse/1: found a model of 3 images"):
         load_scene(model.parent / "1")

@@ -59,21 +59,6 @@ def test_the_training_set_has_no_test_view_and_no_point_that_only_test_views_saw
         assert [names[view] for view in found] == [Path(NAMES[view]).stem for view in given if view % 6]
 
 
-def test_sizes(folder):
-    assert load_scene(folder, layout="deblurnerf", width=60).views[0].source.parent.name == "images"
-    assert load_scene(folder, layout="deblurnerf", images="images").views[0].camera.width == 96
-    for path in (folder / "images_4").iterdir():
-        path.unlink()
-    assert load_scene(folder, layout="deblurnerf").views[0].camera.width == 96
-
-
-def test_hold_is_never_guessed(folder):
-    (folder / "hold=6").unlink()
-    with pytest.raises(InputError, match="no marker file hold=N and no hold"):
-        load_scene(folder, layout="deblurnerf")
-    assert len(load_scene(folder, layout="deblurnerf", hold=5).test_views()) == 3
-
-
 def textured(file, seed, blur):
     """A random texture in place of an image of that size; blur: standard deviation, px."""
     image = np.random.default_rng(seed).uniform(0, 1, read_image(file).shape)
@@ -122,5 +107,14 @@ def test_the_marker_in_a_colmap_scene(folder, blur):
     assert load_scene(folder, layout="colmap").photographs == "all-in-focus"
 
 
-def test_as_one_of_the_known_scenes_it_is_known_to_be_blurred(folder):
+def test_sizes_and_a_hold_that_is_never_guessed(folder):
     assert resolve(str(folder), None)[0].load().photographs == "shallow"
+    assert load_scene(folder, layout="deblurnerf", width=60).views[0].source.parent.name == "images"
+    assert load_scene(folder, layout="deblurnerf", images="images").views[0].camera.width == 96
+    for path in (folder / "images_4").iterdir():
+        path.unlink()
+    assert load_scene(folder, layout="deblurnerf").views[0].camera.width == 96
+    (folder / "hold=6").unlink()
+    with pytest.raises(InputError, match="no marker file hold=N and no hold"):
+        load_scene(folder, layout="deblurnerf")
+    assert len(load_scene(folder, layout="deblurnerf", hold=5).test_views()) == 3

@@ -60,10 +60,12 @@ def test_every_view_is_the_photograph_of_its_role(folder, make_cameras, hold):
         np.testing.assert_allclose(view.camera.world_to_camera, camera.world_to_camera, atol=POSE_ROUND_TRIP)
 
 
-def test_the_marker_says_hold(folder):
+def test_the_marker_and_a_wrong_hold(folder):
     (folder / "hold=5").touch()
     views = load_scene(folder).views
     assert [index for index, view in enumerate(views) if view.split == "test"] == [1, 6, 11, 16]
+    with pytest.raises(InputError, match="hold 1 for 20 views"):
+        load_scene(folder, hold=1)
 
 
 def test_tracks_and_training_set(folder, make_cameras, make_cloud):
@@ -75,10 +77,13 @@ def test_tracks_and_training_set(folder, make_cameras, make_cloud):
     assert all(view.image.mean() > 0.45 for view in training.views), "none of them is sharp"
 
 
-def test_width_chooses_among_the_sizes(folder):
+def test_sizes_and_a_shallow_stack_alone(folder):
     assert load_scene(folder, width=12).views[0].source.parent.parent.name == "images_8"
     scene = load_scene(folder, width=40)
     assert scene.views[0].source.parent.parent.name == "images" and scene.views[0].camera.width == 40
+    scene = load_scene(folder, images="f4_bak")
+    assert {view.photograph for view in scene.views} == {"shallow"}, "those to test with too"
+    assert {view.source.parent.name for view in scene.views} == {"f4_bak"}
 
 
 @pytest.mark.parametrize(("images", "width", "size"), [("f11", None, 12), ("f11", 50, 50), ("images/f11", None, 96)])
@@ -87,12 +92,6 @@ def test_the_sharp_photographs_alone_are_an_all_in_focus_scene(folder, images, w
     assert (scene.photographs, scene.views[0].camera.width) == ("all-in-focus", size)
     assert {view.source.parent.name for view in scene.views} == {"f11"}
     assert [index for index, view in enumerate(scene.views) if view.split == "test"] == [1, 10, 19]
-
-
-def test_one_shallow_stack_alone_stays_shallow(folder):
-    scene = load_scene(folder, images="f4_bak")
-    assert {view.photograph for view in scene.views} == {"shallow"}, "those to test with too"
-    assert {view.source.parent.name for view in scene.views} == {"f4_bak"}
 
 
 # ---- what is wrong is named ----
@@ -112,8 +111,3 @@ def test_a_stack_that_is_missing(folder):
     # Without any triplet it is no longer this layout: LLFF's, with too many images.
     with pytest.raises(InputError, match="found 40 images, expected the 20"):
         load_scene(folder)
-
-
-def test_wrong_hold(folder):
-    with pytest.raises(InputError, match="hold 1 for 20 views"):
-        load_scene(folder, hold=1)

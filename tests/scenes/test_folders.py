@@ -32,16 +32,10 @@ def test_smallest_folder_that_is_wide_enough(pyramid, width, habit, expected):
     assert choose_folder(pyramid, width=width, images=None, habit=habit).name == expected
 
 
-def test_a_named_folder_is_taken(pyramid):
+def test_named_missing_and_narrow_folders(pyramid, tmp_path):
     assert choose_folder(pyramid, width=None, images="images_4", habit=(8,)).name == "images_4"
-
-
-def test_nothing_is_enlarged(pyramid):
     with pytest.raises(InputError, match=r"images: found images 96 pixels wide, expected at least the 97 asked for"):
         choose_folder(pyramid, width=97, images=None, habit=(8,))
-
-
-def test_missing_and_empty_folders_are_named(pyramid, tmp_path):
     with pytest.raises(InputError, match="images_2: found no such folder"):
         choose_folder(pyramid, width=None, images="images_2", habit=(8,))
     with pytest.raises(InputError, match="images_backup: found no images"):

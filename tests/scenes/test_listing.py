@@ -55,15 +55,12 @@ def test_a_scene_with_deleted_images_is_listed_and_is_not_whole(scene, capsys):
     assert "--skip-missing" in said and "no scene" not in said
 
 
-def test_a_folder_without_a_scene_is_named_with_the_reason(scene, capsys):
+def test_folders_without_a_scene(scene, capsys, tmp_path):
     folder = scene.parent / "notes"
     (listed,) = given(folder)
     assert str(folder) in listed.problem and "expected" in listed.problem
     assert app.main(["scenes", str(folder)]) == 1
     assert f"no scene: {folder}" in capsys.readouterr().out
-
-
-def test_a_missing_folder_is_a_wrong_input(tmp_path):
     with pytest.raises(InputError, match="no such folder"):
         list_scenes([tmp_path / "absent"])
 

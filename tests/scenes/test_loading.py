@@ -47,11 +47,13 @@ def test_detection_order(folder):
     assert "poses_bounds.npy (llff)" in message and "sparse/0" in message
 
 
-def test_a_scene_says_where_it_is_from(folder):
+def test_where_a_scene_is_from_and_whether_it_travels(folder):
     for layout in LAYOUTS:
         scene = load_scene(folder, layout=layout)
         assert (scene.name, scene.root, scene.layout) == (folder.name, folder, layout)
         assert [view.source for view in scene.views] == [folder / "images" / name for name in NAMES]
+    view = pickle.loads(pickle.dumps(load_scene(folder).views[2]))
+    assert view.image().shape == (36, 48, 3)
 
 
 def test_hold(folder):
@@ -124,11 +126,6 @@ def test_an_image_that_changed_since_loading(folder, write_images):
     write_images(folder / "images", ["00.png"], (24, 18))
     with pytest.raises(InputError, match="found 24x18 pixels, expected 48x36"):
         view.image()
-
-
-def test_views_travel_to_other_processes(folder):
-    view = pickle.loads(pickle.dumps(load_scene(folder).views[2]))
-    assert view.image().shape == (36, 48, 3)
 
 
 def test_importing_is_light():

@@ -10,6 +10,7 @@ import pycolmap
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from made_up import ply_text
 from tolerances import FAR_POSITION
 
 from dofbench.core.cameras import NO_OFFSET
@@ -142,10 +143,7 @@ def test_points_and_cameras_in_two_frames_are_named(far, which):
     content = read_json(file) | {"ply_file_path": "points.ply"}
     ahead = far.cameras[0].camera_to_world[:3, 2] * 5e6
     xyz = far.cloud.xyz + (ahead if which == "points" else 0)
-    rows = "".join(" ".join(map(repr, map(float, row))) + "\n" for row in xyz)
-    head = "".join(f"property double {axis}\n" for axis in "xyz")
-    text = f"ply\nformat ascii 1.0\nelement vertex {len(xyz)}\n{head}end_header\n{rows}"
-    (far.folder / "points.ply").write_text(text)
+    (far.folder / "points.ply").write_text(ply_text(xyz))
     for frame in content["frames"]:
         for row, value in zip(frame["transform_matrix"][:3], UTM, strict=True):
             row[3] += value if which == "cameras" else 0.0

@@ -61,13 +61,10 @@ def test_names_with_the_folder_before_them(tmp_path, write_images):
     assert [file.relative_to(tmp_path).as_posix() for file in found] == ["images_4/left/a.png", "images_4/b.png"]
 
 
-def test_one_file_is_never_given_to_two_names(tmp_path, write_images):
+def test_missing_files_and_files_of_two_names(tmp_path, write_images):
     write_images(tmp_path, ["a.png", "b.png"])
     with pytest.raises(InputError, match=r"a\.png for both a\.png and a\.jpg"):
         match_files(tmp_path, ["a.png", "a.jpg"], "model")
-
-
-def test_missing_files_and_the_option_that_skips_them_are_named(tmp_path, write_images):
     write_images(tmp_path, ["a.png", "b.png"])
     with pytest.raises(InputError, match=r"no image for c\.png.*--skip-missing reads the other 2"):
         match_files(tmp_path, ["a.png", "c.png", "b.png"], "model")

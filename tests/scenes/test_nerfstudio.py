@@ -6,6 +6,7 @@ import math
 import cv2
 import numpy as np
 import pytest
+from made_up import ply_text
 from tolerances import FLOAT32_VALUE, FLOAT64_VALUE, LEVEL_8BIT, POSE_ROUND_TRIP, ROUNDED_ROTATION
 
 from dofbench.core.errors import InputError
@@ -84,41 +85,24 @@ def test_distortion(folder, entries, distortion, fisheye):
     assert camera.fx != given.fx
 
 
+def _first(content):
+    return content["frames"][0]
+
+
 def _angle(degrees, content):
     for name in ("fl_x", "fl_y"):
         content.pop(name)
     content["camera_angle_x"] = degrees
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda c: _angle(39.6, c), r"camera_angle_x 39\.6, expected radians.*0\.6912"),
-        (lambda c: _angle(-0.5, c), "expected radians"),
-        (lambda c: _angle(0.0, c), "expected radians"),
-        (lambda c: c.update(cx=1e300), "cx 1e\\+300"),
-        (lambda c: c.update(cx=1e9), r"a principal point of 1e\+09"),
-        (lambda c: c.update(cy=-1e5), "a principal point"),
-        (lambda c: c.update(cx=0.5, cy=0.5), "pixels .were these shares of the image, 24, 18"),
-        (lambda c: c.update(cx=0.5), "pixels .were these shares"),
-        (lambda c: c.update(fl_x=1e300), "fl_x 1e\\+300"),
-        (lambda c: c.update(fl_x=1e9), r"focal lengths 1e\+09"),
-        (lambda c: c.update(fl_x=0.9, fl_y=0.9), "focal lengths 0.9, 0.9"),  # in shares of the width
-        (lambda c: c.update(fl_y=-52.8), "positive .*transform_matrix"),
-        (lambda c: c["frames"][1]["transform_matrix"][0].__setitem__(3, 1e9), "away from the others"),
-    ],
-)
-def test_numbers_out_of_all_proportion_are_refused(folder, change, said):
-    edit(folder, change)
-    with pytest.raises(InputError, match=said):
-        load_scene(folder)
-
-
-def test_principal_points_far_from_the_middle_are_named(folder):
+def test_principal_points_and_extra_images_are_named(folder, write_images):
     edit(folder, lambda content: content["frames"][2].update(cx=37.0))
     assert any("1 of 4 views far from the middle" in note and "37, 18" in note for note in load_scene(folder).notes)
     edit(folder, lambda content: content["frames"][2].update(cx=35.0))
     assert not load_scene(folder).notes
+    write_images(folder, ["images/extra.png"])
+    scene = load_scene(folder)
+    assert any("5 images in images, 4 with a pose" in note and "extra.png" in note for note in scene.notes)
 
 
 @pytest.mark.parametrize("scale", [0.35, 1.0])
@@ -172,14 +156,6 @@ def test_a_suffix_that_two_images_could_have_is_refused(folder, write_images):
     assert load_scene(folder).views[0].source.name == "0.png"
 
 
-@pytest.mark.parametrize("path", ["../elsewhere/0.png", "/etc/0.png", "C:\\0.png", "images/../../0.png"])
-@pytest.mark.parametrize("key", ["file_path", "depth_file_path"])
-def test_paths_that_lead_out_of_the_folder_are_refused(folder, path, key):
-    edit(folder, lambda content: content["frames"][0].update({key: path}))
-    with pytest.raises(InputError, match=r"leads out of its folder|an absolute path"):
-        load_scene(folder)
-
-
 def test_absolute_paths_in_the_folder_are_read(folder):
     expected = load_scene(folder)
 
@@ -189,29 +165,6 @@ def test_absolute_paths_in_the_folder_are_read(folder):
 
     edit(folder, change)
     assert [view.source for view in load_scene(folder).views] == [view.source for view in expected.views]
-
-
-def test_two_spellings_of_one_path_are_refused(folder):
-    edit(folder, lambda content: content["frames"][1].update(file_path="images/../images/0.png"))
-    with pytest.raises(InputError, match=r"several frames for images/0\.png"):
-        load_scene(folder)
-
-
-def test_images_without_a_frame_are_named(folder, write_images):
-    write_images(folder, ["images/extra.png"])
-    scene = load_scene(folder)
-    assert any("5 images in images, 4 with a pose" in note and "extra.png" in note for note in scene.notes)
-
-
-def test_file_path_without_suffix_and_with_a_dot(folder):
-    def change(content):
-        for frame in content["frames"]:
-            frame["file_path"] = "./" + frame["file_path"].removesuffix(".png")
-
-    edit(folder, change)
-    scene = load_scene(folder)
-    assert [view.name for view in scene.views] == ["0", "1", "2", "3"]
-    assert [view.source.name for view in scene.views] == ["0.png", "1.png", "2.png", "3.png"]
 
 
 def test_smaller_folder_for_a_smaller_width(folder, write_images, make_cameras):
@@ -325,11 +278,7 @@ def test_splits(folder, lists, expected):
 
 def test_points_of_a_ply_file(folder, make_cameras, make_cloud):
     xyz = make_cloud(make_cameras(4)).xyz
-    rows = "\n".join(" ".join(map(str, row)) for row in xyz)
-    properties = "".join(f"property double {axis}\n" for axis in "xyz")
-    (folder / "points.ply").write_text(
-        f"ply\nformat ascii 1.0\nelement vertex {len(xyz)}\n{properties}end_header\n{rows}\n"
-    )
+    (folder / "points.ply").write_text(ply_text(xyz))
     edit(folder, lambda content: content.update(ply_file_path="points.ply"))
     points = load_scene(folder).points
     np.testing.assert_allclose(points.xyz, xyz)
@@ -443,13 +392,7 @@ def test_points_of_its_own_need_no_model(beside, make_cloud, make_cameras, capsy
     """A file that names its own points is read in its own frame, whatever other models are beside it."""
     edit(beside, lambda content: content.update(applied_transform=np.diag([-1.0, 1, -1, 1])[:3].tolist()))
     xyz = make_cloud(make_cameras(4)).xyz
-    (beside / "points.ply").write_text(
-        f"ply\nformat ascii 1.0\nelement vertex {len(xyz)}\n"
-        + "".join(f"property double {axis}\n" for axis in "xyz")
-        + "end_header\n"
-        + "\n".join(" ".join(map(str, row)) for row in xyz)
-        + "\n"
-    )
+    (beside / "points.ply").write_text(ply_text(xyz))
     edit(beside, lambda content: content.update(ply_file_path="points.ply"))
     assert load_scene(beside).layout == "nerfstudio" and capsys.readouterr().err == ""
 
@@ -493,13 +436,28 @@ def test_a_model_of_other_images_gives_points_without_tracks(folder, make_camera
     assert points is not None and points.views is None
 
 
-def _first(content):
-    return content["frames"][0]
-
-
 @pytest.mark.parametrize(
     ("change", "found"),
     [
+        (lambda c: _angle(39.6, c), r"camera_angle_x 39\.6, expected radians.*0\.6912"),
+        (lambda c: _angle(-0.5, c), "expected radians"),
+        (lambda c: _angle(0.0, c), "expected radians"),
+        (lambda c: c.update(cx=1e300), "cx 1e\\+300"),
+        (lambda c: c.update(cx=1e9), r"a principal point of 1e\+09"),
+        (lambda c: c.update(cy=-1e5), "a principal point"),
+        (lambda c: c.update(cx=0.5, cy=0.5), "pixels .were these shares of the image, 24, 18"),
+        (lambda c: c.update(cx=0.5), "pixels .were these shares"),
+        (lambda c: c.update(fl_x=1e300), "fl_x 1e\\+300"),
+        (lambda c: c.update(fl_x=1e9), r"focal lengths 1e\+09"),
+        (lambda c: c.update(fl_x=0.9, fl_y=0.9), "focal lengths 0.9, 0.9"),  # in shares of the width
+        (lambda c: c.update(fl_y=-52.8), "positive .*transform_matrix"),
+        (lambda c: c["frames"][1]["transform_matrix"][0].__setitem__(3, 1e9), "away from the others"),
+        *(
+            (lambda c, key=key, path=path: _first(c).update({key: path}), "leads out of its folder|an absolute path")
+            for key in ("file_path", "depth_file_path")
+            for path in ("../elsewhere/0.png", "/etc/0.png", "C:\\0.png", "images/../../0.png")
+        ),
+        (lambda c: c["frames"][1].update(file_path="images/../images/0.png"), r"several frames for images/0\.png"),
         (lambda c: c.update(frames=[]), "no list of frames"),
         (lambda c: c.update(frames={"a": 1}), "no list of frames"),
         (lambda c: _first(c).pop("file_path"), "file_path None"),

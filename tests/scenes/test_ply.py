@@ -35,12 +35,6 @@ def test_points_and_colours(tmp_path, content):
     assert np.isnan(points.error).all() and points.views is None
 
 
-def test_without_colour_points_are_grey(tmp_path):
-    file = tmp_path / "points.ply"
-    file.write_text(HEADER.format("ascii 1.0") + "end_header\n0 0 1\n0 1 1\n")
-    assert read_ply(file).rgb.tolist() == [[0.5] * 3] * 2
-
-
 @pytest.mark.parametrize(
     ("content", "found"),
     [
@@ -64,6 +58,9 @@ def test_damage_is_named(tmp_path, content, found):
     assert str(file) in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_missing_file(tmp_path):
+def test_without_colour_points_are_grey(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         read_ply(tmp_path / "points.ply")
+    file = tmp_path / "points.ply"
+    file.write_text(HEADER.format("ascii 1.0") + "end_header\n0 0 1\n0 1 1\n")
+    assert read_ply(file).rgb.tolist() == [[0.5] * 3] * 2

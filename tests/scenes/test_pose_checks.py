@@ -78,12 +78,9 @@ def test_world_to_camera_matrices_of_an_orbit_about_the_origin(folder):
     assert any("inverted" in note for note in load_scene(folder).notes)
 
 
-def test_looking_outwards_may_be_meant(folder):
+def test_notes_on_other_arrangements_of_cameras(folder, make_cameras):
     write_transforms(folder / "transforms.json", FILES, looking(inwards=False))
     assert any("look outwards" in note for note in load_scene(folder).notes)
-
-
-def test_near_parallel_axes_say_nothing(folder, make_cameras):
     write_transforms(folder / "transforms.json", FILES, make_cameras(COUNT))
     assert not load_scene(folder).notes
     change(folder, lambda m: m @ FLIP)

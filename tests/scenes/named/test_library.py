@@ -31,7 +31,7 @@ name = "one"
 SCENE_ROLE = GOOD.replace('role = "report"\n', "") + 'role = "report"\n'
 
 
-def test_every_file_is_a_dataset_called_as_the_file():
+def test_files_folders_and_order_of_the_library():
     assert {read_dataset(path).id for path in FILES} == {path.stem for path in FILES} == set(LIBRARY)
     assert {
         "tabletop",
@@ -44,6 +44,17 @@ def test_every_file_is_a_dataset_called_as_the_file():
         "blb",
         "rendered",
     } <= set(LIBRARY)
+    # Else one folder would be found as two scenes.
+    places = [
+        place
+        for dataset in LIBRARY.values()
+        for scene in dataset.scenes
+        if scene.of is None
+        for place in dataset.candidates(scene)
+    ]
+    assert len(set(places)) == len(places)
+    flags = [dataset.built_in for dataset in LIBRARY.values()]
+    assert flags[0] and flags == sorted(flags, reverse=True)
 
 
 @pytest.mark.parametrize("dataset", LIBRARY.values(), ids=list(LIBRARY))
@@ -54,19 +65,7 @@ def test_every_dataset_says_whose_it_is_and_how_to_read_it(dataset):
     assert layouts <= {*LAYOUTS, "blb"}
 
 
-def test_no_folder_belongs_to_two_scenes():
-    """Else one folder would be found as two scenes."""
-    places = [
-        place
-        for dataset in LIBRARY.values()
-        for scene in dataset.scenes
-        if scene.of is None
-        for place in dataset.candidates(scene)
-    ]
-    assert len(set(places)) == len(places)
-
-
-def test_the_papers_set():
+def test_the_published_sets():
     """DoF-Gaussian's supplement: seven LLFF scenes, Train and Truck; F 0.2, 0.5, 0.8, A 0.5, 1; two rooms left out."""
     dataset = LIBRARY["dof-gaussian"]
     assert [scene.of for scene in dataset.scenes] == [
@@ -78,10 +77,7 @@ def test_the_papers_set():
     assert {left.scene for left in dataset.left_out} == {"llff/leaves", "tandt-db/drjohnson", "tandt-db/playroom"}
     said = {scene.of for scene in dataset.scenes} | {left.scene for left in dataset.left_out}
     assert said == {f"{other}/{scene.name}" for other in ("llff", "tandt-db") for scene in LIBRARY[other].scenes}
-
-
-def test_held_out_views_of_the_real_defocus_scenes():
-    """docs/published-methods.md, "Data sets": from the configurations of Deblur-NeRF and BAGS."""
+    # docs/published-methods.md, "Data sets": from the configurations of Deblur-NeRF and BAGS.
     held = {scene.name: scene.hold for scene in LIBRARY["deblur-nerf-real"].scenes}
     assert held == {
         "cake": 9,
@@ -97,11 +93,6 @@ def test_held_out_views_of_the_real_defocus_scenes():
     }
     synthetic = LIBRARY["deblur-nerf-synthetic"]
     assert (synthetic.hold, len(synthetic.scenes)) == (8, 5)
-
-
-def test_built_in_scenes_come_first():
-    flags = [dataset.built_in for dataset in LIBRARY.values()]
-    assert flags[0] and flags == sorted(flags, reverse=True)
 
 
 # ---- wrong files are one line ----

@@ -101,13 +101,10 @@ def test_every_named_scene_is_found_and_read(tmp_path, write_scene, dataset, sce
     assert presence.training + presence.test == count
 
 
-def test_a_whole_scene_is_complete(tmp_path, write_scene):
+def test_complete_contradicting_and_unreadable_scenes(tmp_path, write_scene):
     write_scene(tmp_path / "nerf_llff_data" / "orchids", "llff", 25)
     presence = inspect(resolve("llff/orchids", tmp_path)[0])
     assert (presence.state, presence.training, presence.test) == ("complete", 21, 4) and not presence.is_problem
-
-
-def test_a_marker_that_contradicts_is_said(tmp_path, write_scene):
     root = tmp_path / "real_defocus_blur" / "defocuscups"
     write_scene(root, "deblurnerf", COUNT)
     (root / "hold=8").touch()
@@ -116,23 +113,17 @@ def test_a_marker_that_contradicts_is_said(tmp_path, write_scene):
     (root / "hold=8").rename(root / "hold=6")
     presence = inspect(scene)
     assert presence.state == "different" and "hold=6" in presence.detail and "expected hold=8" in presence.detail
-
-
-def test_what_cannot_be_read_is_said_with_the_reason(tmp_path):
     (tmp_path / "llff_room").mkdir()
     presence = inspect(resolve("llff/room", tmp_path)[0])
     assert presence.state == "unreadable" and presence.is_problem and "llff_room" in presence.detail
 
 
-def test_somebody_elses_scene_json_is_not_ours(tmp_path):
+def test_rendered_scenes_by_their_marker(tmp_path, write_scene):
     (tmp_path / "scenes" / "other").mkdir(parents=True)
     (tmp_path / "scenes" / "other" / "scene.json").write_text('{"schema": "something else"}')
     for text in ("rendered/other", "rendered"):
         with pytest.raises(InputError, match="found none of it in"):
             resolve(text, tmp_path)
-
-
-def test_two_folders_of_one_name_are_one_scene(tmp_path, write_scene):
     for place in LIBRARY["rendered"].folders[:2]:
         write_scene(tmp_path / place.replace("{scene}", "fence"), "nerfstudio", 9)
     (scene,) = resolve("rendered", tmp_path)

@@ -37,19 +37,13 @@ def shelf(tmp_path, make_cameras, write_images):
     return tmp_path
 
 
-def test_a_folder_is_itself(shelf, tmp_path):
+def test_a_folder_is_itself_and_a_known_scene_by_its_files(shelf, tmp_path):
     (scene,) = resolve(str(tmp_path / "nerf_llff_data"), None)
     assert (scene.root, scene.label, scene.name) == (tmp_path / "nerf_llff_data", "nerf_llff_data", "nerf_llff_data")
     assert (scene.dataset, scene.layout, scene.hold, scene.licence) == (None, "auto", None, "not stated")
-
-
-def test_a_folder_of_a_known_scene_has_its_citation_but_not_its_recipe(shelf):
     (scene,) = resolve(str(shelf / "llff_leaves"), None)
     assert scene.dataset == "llff" and "NeRF" in scene.citation[1]
     assert (scene.layout, scene.hold, scene.recipe.width, scene.label) == ("auto", None, None, "llff_leaves")
-
-
-def test_a_folder_called_as_a_known_scene_whose_files_differ_is_not_it(shelf):
     (shelf / "llff_leaves").rename(shelf / "llff_fern")
     (scene,) = resolve(str(shelf / "llff_fern"), None)
     assert scene.dataset is None and not scene.citation
@@ -86,14 +80,11 @@ def test_a_built_in_scene_that_a_wheel_lacks_names_the_command_that_makes_it(tmp
         resolve("thinlens/night", None)
 
 
-def test_one_scene_of_a_dataset(shelf):
+def test_one_scene_of_a_dataset_and_options_that_win(shelf):
     (scene,) = resolve("llff/orchids", shelf)
     assert (scene.root, scene.name, scene.hold) == (shelf / "nerf_llff_data" / "orchids", "llff-orchids", 8)
     loaded = scene.load()
     assert (loaded.name, loaded.views[0].camera.width, len(loaded.test_views())) == ("llff-orchids", 504, 4)
-
-
-def test_options_that_are_given_win(shelf):
     (scene,) = resolve("llff/orchids", shelf)
     assert scene.load(width=100).views[0].camera.width == 100
     wide = scene.load(images="images_4", hold=5)
@@ -120,12 +111,9 @@ def test_a_scene_of_the_papers_set_is_its_source_with_both_citations(shelf):
     assert paper.citation[1:] == source.citation and "DoF-Gaussian" in paper.citation[0]
 
 
-def test_the_first_choice_of_folders_wins(shelf):
+def test_the_first_folder_wins_and_a_folder_over_a_name(shelf, monkeypatch):
     (shelf / "llff_orchids").mkdir()
     assert resolve("llff/orchids", shelf)[0].root == shelf / "nerf_llff_data" / "orchids"
-
-
-def test_a_folder_wins_over_a_name(shelf, monkeypatch):
     (shelf / "llff" / "fern").mkdir(parents=True)
     monkeypatch.chdir(shelf)
     assert resolve("llff/fern", None)[0].root == Path("llff/fern")
