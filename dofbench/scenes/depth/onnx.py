@@ -43,10 +43,8 @@ class OnnxDepth:
     def make(
         cls, scene: Scene, *, network: Path, work: Path, progress: Callable[[int, int], None] | None = None
     ) -> OnnxDepth:
-        """Run the network on every view, keeping its maps in `work`, and align them.
-
-        Raises InputError when the network can't be used, or the scene has no points to align to.
-        """
+        """Run the network on every view, keep its maps in `work`, and align them. Raises InputError when the network
+        can't be used, or the scene has no points to align to."""
         loaded = Network(network)
         free = loaded.description.align
         sightings = scene_sightings(scene, f"--depth onnx:{network.name}") if free != "none" else None

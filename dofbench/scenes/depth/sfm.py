@@ -1,4 +1,4 @@
-"""Dense depth from the sparse points alone: edge-aware completion of the disparity of what each view saw."""
+"""Dense depth by edge-aware completion of the sparse points' disparity."""
 
 from __future__ import annotations
 
@@ -67,10 +67,7 @@ class SfmDepth:
 
 
 def spread_around(sightings: Sightings, values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """(H, W): root mean square of the sightings' values (M,) around each pixel; far from all, that of all.
-
-    Around means a Gaussian of 5 % of the width.
-    """
+    """(H, W): root mean square of the sightings' values (M,) within a Gaussian of 5 % of the width; far away, of all."""
     height, width = size
     columns = min(width, 256)
     rows = max(1, round(height * columns / width))

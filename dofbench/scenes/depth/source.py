@@ -16,11 +16,8 @@ HALF_TRUSTED = 0.05
 
 @dataclass(frozen=True, eq=False)
 class DepthEstimate:
-    """Depth of one view.
-
-    depth: (H, W) float32 z-depth, scene units, 0 where unknown. confidence: (H, W) float32, 0 ... 1,
-    0 where the depth is unknown. statistics: numbers about how this view's depth was found.
-    """
+    """Depth of one view: z-depth (H, W) float32, scene units, 0 where unknown; confidence (H, W) float32, 0 ... 1;
+    statistics: numbers on how the depth was found."""
 
     depth: np.ndarray
     confidence: np.ndarray
@@ -33,7 +30,7 @@ def trust(error: np.ndarray, half: float = HALF_TRUSTED) -> np.ndarray:
 
 
 def clipped(disparity: np.ndarray, floor: float, ceiling: float) -> tuple[np.ndarray, float]:
-    """Disparity (H, W) within its bounds, and the share of pixels that were not. floor, ceiling: positive."""
+    """Disparity (H, W) within its positive bounds, and the share of pixels that were clipped."""
     outside = (disparity < floor) | (disparity > ceiling)
     return np.clip(disparity, floor, ceiling), float(outside.mean())
 

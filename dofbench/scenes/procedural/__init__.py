@@ -1,4 +1,4 @@
-"""make-scene: procedural scenes, rendered through a pinhole and through a real thin lens, with exact depth."""
+"""make-scene: procedural scenes, rendered through a pinhole and a thin lens, with exact depth."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ if TYPE_CHECKING:
 
 
 def make_scene(settings: MakeScene, *, progress: Progress | None = None) -> list[Path]:
-    """Render the scenes that `settings` asks for and return their folders.
+    """Render the scenes of `settings` and return their folders; an interrupted run resumes image by image.
 
-    A run that was killed continues where it stopped, image by image. progress: None shows the progress on standard
-    error, and the folders on standard output. Raises InputError for wrong input, without mitsuba, or when a folder
-    holds something else.
+    progress: None shows it on standard error, and the folders on standard output. Raises InputError for wrong input,
+    without mitsuba, or when a folder holds something else.
     """
     from dofbench.core.progress import Terminal
     from dofbench.scenes.procedural.scene_builder import make

@@ -1,8 +1,7 @@
-"""Drawing on float images with numpy alone: strokes, discs, rectangles and a stroke alphabet.
+"""Draw strokes, discs, rectangles and a stroke alphabet on float images, by NumPy alone.
 
-No imaging library is used, since its next version might draw other pixels and so change the scenes. Positions are (x,
-y) in pixels, x to the right, y down; everything draws in place with a soft, one-pixel edge, and what falls outside the
-image is left out.
+An imaging library's next version might draw other pixels and so change the scenes. Positions are (x, y) in pixels, y
+down; everything is drawn in place with a soft, one-pixel edge and clipped to the image.
 """
 
 from __future__ import annotations
@@ -118,8 +117,7 @@ def text(
 def print_lines(
     rng: np.random.Generator, image: np.ndarray, box: tuple[int, int, int, int], pitch: int, colour: Colour
 ) -> None:
-    """Small print that fills box = (x, y, width, height): words of random letters, ragged right. pitch: distance
-    between lines."""
+    """Small print that fills box = (x, y, width, height): words of random letters, ragged right. pitch: of lines."""
     x0, y0, width, height = box
     letters = sorted(set(_LETTERS) - {" "})
     advance = 0.55 * pitch
@@ -136,7 +134,7 @@ def print_lines(
 def _window(
     image: np.ndarray, left: float, top: float, right: float, bottom: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """The part of the image in a box, and the pixel centres' x and y in it; None when the box is outside."""
+    """The part of the image in a box, and its pixel centres' x and y; None for a box outside."""
     high, wide = image.shape[:2]
     x0, x1 = max(int(np.floor(left)), 0), min(int(np.ceil(right)) + 1, wide)
     y0, y1 = max(int(np.floor(top)), 0), min(int(np.ceil(bottom)) + 1, high)

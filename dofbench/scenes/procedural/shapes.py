@@ -15,8 +15,7 @@ def quad(
     up: Sequence[float] | np.ndarray,
     repeat: tuple[float, float] = (1, 1),
 ) -> Mesh:
-    """A flat parallelogram; `corner` is the texture's lower left. repeat: how many times the texture repeats along
-    `right` and `up`."""
+    """A flat parallelogram; `corner` is the texture's lower left. repeat: of the texture along `right` and `up`."""
     corner, right, up = (np.asarray(v, float) for v in (corner, right, up))
     vertices = np.stack([corner, corner + right, corner + right + up, corner + up])
     uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float) * repeat
@@ -76,8 +75,10 @@ def leaf(
 
 
 def turned(x: float, y: float, profile: Sequence[tuple[float, float]], base: float = 0.0, sides: int = 48) -> Mesh:
-    """A body turned on a lathe that stands at (x, y). profile: (radius, height above `base`) of its outline, outside
-    upwards; a profile that goes on inside downwards gives a hollow one. u goes round it, v along the profile."""
+    """A body turned on a lathe at (x, y), hollow where its profile continues inside downwards.
+
+    profile: (radius, height above `base`) of its outline, outside upwards. u goes round it, v along the profile.
+    """
     outline = np.asarray(profile, float)
     angle = np.linspace(0, 2 * np.pi, sides + 1)
     rim = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -92,8 +93,7 @@ def turned(x: float, y: float, profile: Sequence[tuple[float, float]], base: flo
 
 
 def ground(x: np.ndarray, y: np.ndarray, height: Callable[[np.ndarray, np.ndarray], np.ndarray], repeat: float) -> Mesh:
-    """Land over the grid of x and y. height: function of x and y. repeat: scene units after which the texture
-    repeats."""
+    """Land over the grid of x and y. height: function of x and y. repeat: scene units per texture."""
     across, away = np.meshgrid(x, y)
     vertices = np.stack([across, away, height(across, away)], axis=-1).reshape(-1, 3)
     corner = (np.arange(len(y) - 1)[:, None] * len(x) + np.arange(len(x) - 1)).reshape(-1, 1)
@@ -113,7 +113,7 @@ def merged(parts: Iterable[Mesh]) -> Mesh:
 
 
 def rod(start: Sequence[float] | np.ndarray, end: Sequence[float] | np.ndarray, radius: float, sides: int = 8) -> Mesh:
-    """A thin cylinder, approximated by a prism so that hundreds of rods can be merged into one mesh."""
+    """A thin cylinder as a prism, so that hundreds of rods can be merged into one mesh."""
     start, end = np.asarray(start, float), np.asarray(end, float)
     axis = (end - start) / np.linalg.norm(end - start)
     across = np.cross(axis, (0.0, 0.0, 1.0) if abs(axis[2]) < 0.9 else (1.0, 0.0, 0.0))
@@ -136,7 +136,7 @@ def about_z(degrees: float) -> np.ndarray:
 
 
 def sheet(x: float, y: float, width: float, depth: float, turn: float, lift: float) -> Mesh:
-    """A flat sheet on the table, `lift` above it so that the two surfaces don't coincide."""
+    """A flat sheet on the table, `lift` above it, so that the surfaces don't coincide."""
     right, up = about_z(turn) @ (width, 0, 0), about_z(turn) @ (0, depth, 0)
     return quad(np.array([x, y, lift]) - right / 2 - up / 2, right, up)
 

@@ -68,10 +68,8 @@ def triangulate(cameras: Sequence[Camera], names: Sequence[str], images: Path, w
 
 
 def depth_errors(cameras: Sequence[Camera], model: Any, depths: Sequence[np.ndarray]) -> np.ndarray:
-    """Relative depth error of every observation of every point: |z of the point / depth map at its keypoint - 1|.
-
-    Image ids count from 1 in the order of `cameras`.
-    """
+    """Relative depth error of every observation, |z of the point / depth map at its keypoint - 1|; image ids count from
+    1 in the order of `cameras`."""
     errors = []
     for index, camera in enumerate(cameras):
         seen = [point for point in model.image(index + 1).points2D if point.has_point3D()]

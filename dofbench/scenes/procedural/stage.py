@@ -19,8 +19,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles. vertices: (V, 3). faces: (T, 3) indices. uv: (V, 2), u to the texture's right, v up; the texture
-    repeats."""
+    """Triangles. vertices: (V, 3). faces: (T, 3) indices. uv: (V, 2), u to the repeated texture's right, v up."""
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -50,8 +49,8 @@ class Tube:
 class Prop:
     """A shape and its surface. texture: encoded (H, W, 3), or one colour.
 
-    finish: "matt" is Lambertian; "glossy" is varnished, "metal" reflects in the texture's colour, both with
-    `roughness`; "lamp" emits `radiance` (linear light) times the texture, but doesn't illuminate other props.
+    finish: "matt" (Lambertian); "glossy" (varnished), "metal" (reflects in the texture's colour), both with
+    `roughness`; "lamp" emits `radiance` (linear light) times the texture, without illuminating other props.
     """
 
     shape: Mesh | Sphere | Tube
@@ -73,11 +72,9 @@ class Lamp:
 
 @dataclass(frozen=True, eq=False)
 class Viewpoints:
-    """Where the cameras are. focal: pixels of focal length per pixel of width.
-
-    eye, target: middle of the path, and the point that the cameras look at. extent: half-extents (right, forward, up)
-    of the forward-facing path. aim: jitter of the target. roll: degrees. arc: degrees that an orbit spans.
-    """
+    """Camera positions. eye, target: middle of the path, and the point that the cameras look at. extent: half-extents
+    (right, forward, up) of the forward-facing path. aim: jitter of the target. roll: degrees. focal: pixels per pixel
+    of width. arc: degrees that an orbit spans."""
 
     eye: Vector
     target: Vector
@@ -90,11 +87,8 @@ class Viewpoints:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """Everything the renderer needs.
-
-    sky: linear radiance from all around at infinity, one number, or a map (H, 2 H, 3) whose first row is the zenith
-    and whose columns go round from x through y.
-    """
+    """Content of a scene. sky: linear radiance at infinity, one number, or a map (H, 2 H, 3) whose first row is the
+    zenith and whose columns go round from x through y."""
 
     props: tuple[Prop, ...]
     lamps: tuple[Lamp, ...]
@@ -119,9 +113,8 @@ def cameras(points: Viewpoints, kind: PathKind, count: int, width: int, height: 
 
 
 def _spiral(points: Viewpoints, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count, 3) positions on a sunflower spiral. Its first n points, or every n-th point, cover the same ellipse, so
-    no test view lies far outside the training views.
-    """
+    """(count, 3) positions on a sunflower spiral, of which the first n, or every n-th, cover the same ellipse, so that
+    no test view lies far outside the training views."""
     index = np.arange(count)
     radius = np.sqrt((index + 0.5) / count)
     angle = index * np.pi * (3 - np.sqrt(5))
@@ -130,8 +123,7 @@ def _spiral(points: Viewpoints, count: int, rng: np.random.Generator) -> np.ndar
 
 
 def _arc(points: Viewpoints, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count, 3) positions, evenly spaced around the vertical axis through the target, at the eye's distance; heights
-    alternate."""
+    """(count, 3) positions evenly spaced around the vertical axis through the target; heights alternate."""
     eye, target = np.array(points.eye), np.array(points.target)
     angle = np.radians(points.arc) * ((np.arange(count) + 0.5) / count - 0.5)
     start = eye - target

@@ -282,10 +282,8 @@ def directions(height: int) -> np.ndarray:
 
 
 def cloudy(rng: np.random.Generator, sun: tuple[float, float, float], height: int = 512) -> np.ndarray:
-    """Blue with clouds, brighter towards the horizon and the sun; (height, 2 height, 3) linear, float32.
-
-    sun: direction; the map has only the sun's glow, since a disc of half a degree is better rendered as a lamp.
-    """
+    """Blue sky with clouds, brighter towards the horizon and the sun; (height, 2 height, 3) linear, float32. sun:
+    direction; only its glow is in the map, as its disc is better rendered as a lamp."""
     way = directions(height)
     up = np.clip(way[..., 2], 0, 1)
     towards = np.clip(way @ (np.asarray(sun) / np.linalg.norm(sun)), 0, 1)

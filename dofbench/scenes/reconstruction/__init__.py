@@ -1,7 +1,4 @@
-"""Structure from motion: photographs or a video in, a scene with camera poses and sparse points out.
-
-`reconstruct` is the way in. Everything that it finds out stands in the scene's reconstruct.json.
-"""
+"""Structure from motion: photographs or a video to a scene with camera poses and sparse points (`reconstruct`)."""
 
 from __future__ import annotations
 
@@ -14,11 +11,11 @@ if TYPE_CHECKING:
 
 
 def reconstruct(settings: Reconstruct, *, progress: Progress | None = None) -> bool:
-    """Make the scene that `settings` describe; False where no scene came of the photographs, with the reason said.
+    """Make the scene of `settings`; False, with the reason printed, where the photographs don't give one.
 
-    A run that was killed goes on after the last stage that it finished; a scene that is complete is left as it is.
-    progress: None shows it on standard error, and what came of it on standard output. Raises InputError for wrong
-    input, or when the folder holds something else.
+    An interrupted run resumes after its last finished stage; a complete scene is kept. progress: None shows it on
+    standard error, and the result on standard output. Raises InputError for wrong input, or when the folder holds
+    something else.
     """
     from dofbench.core.progress import Terminal
     from dofbench.scenes.reconstruction.reconstructing import run

@@ -18,14 +18,13 @@ VIEWPOINTS = Viewpoints((0.0, 0.0, 1.12), (0.0, 3.4, 0.76), (0.28, 0.05, 0.18), 
 def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng([seed, 24])
-    props = [*_shell(), *_beams(), *_furniture(rng)]
     # Each hangs below the slopes of the roof, above what the cameras see.
     lamps = (
         Lamp((0.35, 0.6, 2.35), (-0.2, 3.2, 0.2), 0.6, 60.0),
         Lamp((-0.25, 2.9, 2.45), (0.4, 6.8, 0.4), 0.6, 90.0),
         Lamp((-1.20, 0.3, 1.70), (0.4, 3.0, 0.4), 0.3, 90.0),
     )
-    return Stage(tuple(props), lamps, 0.04)
+    return Stage((*_shell(), *_beams(), *_furniture(rng)), lamps, 0.04)
 
 
 def _shell() -> Iterable[Prop]:

@@ -18,13 +18,12 @@ VIEWPOINTS = Viewpoints((0.0, 0.0, 1.10), (0.0, 3.4, 0.70), (0.28, 0.05, 0.18), 
 def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng([seed, 14])
-    props = [*_room(), *_solids(rng)]
     lamps = (
         Lamp((-0.6, 1.4, 2.9), (0.0, 3.2, 0.0), 0.8, 34.0),
         Lamp((0.8, 5.6, 2.9), (0.0, 6.6, 0.0), 0.8, 34.0),
         Lamp((1.4, 0.2, 2.5), (-0.4, 3.2, 0.4), 0.3, 60.0),
     )
-    return Stage(tuple(props), lamps, 0.0)
+    return Stage((*_room(), *_solids(rng)), lamps, 0.0)
 
 
 def _room() -> Iterable[Prop]:

@@ -20,9 +20,8 @@ _MESH = 0.125  # diagonal pitch
 def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng([seed, 11])
-    props = [*_ground_and_wall(rng), *_fence(rng), *_yard(rng)]
     lamps = (Lamp((-3.5, -1.0, 6.5), (0.0, 4.0, 0.5), 2.4, 22.0), Lamp((4.5, 5.0, 7.5), (0.5, 9.5, 1.2), 2.0, 34.0))
-    return Stage(tuple(props), lamps, 0.35)
+    return Stage((*_ground_and_wall(rng), *_fence(rng), *_yard(rng)), lamps, 0.35)
 
 
 def _ground_and_wall(rng: np.random.Generator) -> Iterable[Prop]:

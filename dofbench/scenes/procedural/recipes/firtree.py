@@ -29,9 +29,8 @@ _COLOURS: tuple[Colour, ...] = (
 def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng([seed, 23])
-    props = [*_room(rng), *_tree(rng), *_table(rng), *_window(rng)]
     lamps = (Lamp((-2.2, 0.6, 3.8), (0.0, 3.2, 0.6), 0.8, 34.0), Lamp((2.4, 4.6, 4.2), (0.4, 7.0, 0.8), 0.9, 46.0))
-    return Stage(tuple(props), lamps, night(rng))
+    return Stage((*_room(rng), *_tree(rng), *_table(rng), *_window(rng)), lamps, night(rng))
 
 
 def _room(rng: np.random.Generator) -> Iterable[Prop]:

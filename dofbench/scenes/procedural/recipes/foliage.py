@@ -19,9 +19,8 @@ VIEWPOINTS = Viewpoints((0.0, 0.0, 1.00), (0.0, 3.0, 0.72), (0.26, 0.05, 0.18), 
 def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng([seed, 12])
-    props = [*_room(rng), *_branches(rng), *_subject(rng)]
     lamps = (Lamp((-2.4, 0.2, 5.2), (0.0, 2.4, 0.6), 1.8, 24.0), Lamp((3.2, 4.2, 6.0), (0.2, 7.6, 1.0), 2.2, 26.0))
-    return Stage(tuple(props), lamps, 0.32)
+    return Stage((*_room(rng), *_branches(rng), *_subject(rng)), lamps, 0.32)
 
 
 def _room(rng: np.random.Generator) -> Iterable[Prop]:

@@ -23,13 +23,12 @@ _CUP = ((0.05, 0.0), (0.06, 0.01), (0.085, 0.08), (0.09, 0.14), (0.082, 0.14), (
 def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng([seed, 22])
-    props = [*_room(rng), *_near(rng), *_pots(rng), *_shelf(rng)]
     lamps = (
         Lamp((-2.4, 0.8, 3.4), (0.0, 3.2, 0.3), 0.50, 130.0),
         Lamp((1.5, 0.6, 3.0), (0.2, 3.0, 0.2), 0.20, 330.0),
         Lamp((1.2, 5.6, 4.2), (0.0, 7.6, 0.8), 0.8, 90.0),
     )
-    return Stage(tuple(props), lamps, _windows())
+    return Stage((*_room(rng), *_near(rng), *_pots(rng), *_shelf(rng)), lamps, _windows())
 
 
 def _windows() -> np.ndarray:

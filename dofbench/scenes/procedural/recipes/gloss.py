@@ -18,13 +18,12 @@ VIEWPOINTS = Viewpoints((0.0, 0.0, 1.25), (0.0, 3.1, 0.35), (0.28, 0.05, 0.18), 
 def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng([seed, 16])
-    props = [*_table(rng), *_balls(rng)]
     lamps = (
         Lamp((-2.0, 0.4, 3.6), (0.0, 3.2, 0.2), 0.30, 300.0),
         Lamp((1.8, 1.6, 3.2), (0.2, 3.6, 0.2), 0.24, 360.0),
         Lamp((0.4, 6.4, 4.4), (0.0, 7.0, 0.0), 0.7, 90.0),
     )
-    return Stage(tuple(props), lamps, _softboxes(rng))
+    return Stage((*_table(rng), *_balls(rng)), lamps, _softboxes(rng))
 
 
 def _softboxes(rng: np.random.Generator) -> np.ndarray:

@@ -20,13 +20,12 @@ VIEWPOINTS = Viewpoints((0.0, 0.0, 0.072), (0.0, 0.136, 0.002), (0.016, 0.003, 0
 def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng([seed, 18])
-    props = [*_bench(rng), *_board(rng), *_beads(rng)]
     lamps = (
         Lamp((-0.20, 0.05, 0.34), (0.0, 0.17, 0.0), 0.10, 30.0),
         Lamp((0.22, 0.30, 0.40), (0.0, 0.24, 0.0), 0.12, 30.0),
         Lamp((-0.06, 0.00, 0.20), (0.0, 0.15, 0.0), 0.012, 260.0),
     )
-    return Stage(tuple(props), lamps, 0.30)
+    return Stage((*_bench(rng), *_board(rng), *_beads(rng)), lamps, 0.30)
 
 
 def _bench(rng: np.random.Generator) -> Iterable[Prop]:

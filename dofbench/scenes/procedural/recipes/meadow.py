@@ -20,11 +20,10 @@ def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng([seed, 17])
     sun = (-0.55, -0.35, 0.75)
-    props = [*_land(rng), *_grass(rng), *_sundial(rng), *_trees(rng)]
     far = 400.0 * np.array(sun)
     # A sun of five degrees, ten times as wide as the real one and dimmer accordingly: its shadows are softer.
     lamps = (Lamp((far[0], far[1], far[2]), (0.0, 4.0, 0.0), 36.0, 330.0),)
-    return Stage(tuple(props), lamps, cloudy(rng, sun))
+    return Stage((*_land(rng), *_grass(rng), *_sundial(rng), *_trees(rng)), lamps, cloudy(rng, sun))
 
 
 def _hill(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -20,13 +20,12 @@ VIEWPOINTS = Viewpoints((0.0, 0.0, 0.056), (0.0, 0.140, 0.012), (0.016, 0.003, 0
 def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng([seed, 26])
-    props = [*_floor(rng), *_moss(rng), *_toadstools(rng), *_snail(rng), *_dew(rng)]
     lamps = (
         Lamp((0.20, 0.02, 0.32), (0.0, 0.16, 0.0), 0.10, 32.0),
         Lamp((-0.24, 0.28, 0.40), (0.0, 0.26, 0.0), 0.12, 30.0),
         Lamp((0.05, -0.02, 0.20), (0.0, 0.14, 0.0), 0.012, 240.0),
     )
-    return Stage(tuple(props), lamps, 0.30)
+    return Stage((*_floor(rng), *_moss(rng), *_toadstools(rng), *_snail(rng), *_dew(rng)), lamps, 0.30)
 
 
 def _height(x: np.ndarray, y: np.ndarray) -> np.ndarray:

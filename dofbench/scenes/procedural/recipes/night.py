@@ -20,9 +20,8 @@ _WARM, _CHOICE = (1.0, 0.80, 0.52), ((1.0, 0.42, 0.30), (1.0, 0.78, 0.40), (0.45
 def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng([seed, 13])
-    props = [*_terrace(rng), *_strings(rng), *_city(rng)]
     lamps = (Lamp((-1.2, 1.2, 4.2), (0.1, 3.4, 0.3), 0.9, 26.0), Lamp((2.6, 5.6, 4.6), (0.6, 7.6, 0.4), 0.9, 40.0))
-    return Stage(tuple(props), lamps, night(rng))
+    return Stage((*_terrace(rng), *_strings(rng), *_city(rng)), lamps, night(rng))
 
 
 def _terrace(rng: np.random.Generator) -> Iterable[Prop]:

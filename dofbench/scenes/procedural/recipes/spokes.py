@@ -20,9 +20,8 @@ _SPOKES = 28
 def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng([seed, 21])
-    props = [*_shed(rng), *_wheels(rng), *_baskets(rng), *_twigs(rng)]
     lamps = (Lamp((-2.6, 0.0, 5.0), (0.0, 3.0, 0.5), 1.6, 26.0), Lamp((2.8, 4.6, 5.6), (0.0, 7.4, 0.8), 1.8, 34.0))
-    return Stage(tuple(props), lamps, 0.30)
+    return Stage((*_shed(rng), *_wheels(rng), *_baskets(rng), *_twigs(rng)), lamps, 0.30)
 
 
 def _shed(rng: np.random.Generator) -> Iterable[Prop]:

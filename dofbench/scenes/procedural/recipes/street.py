@@ -20,11 +20,10 @@ def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng([seed, 25])
     sun = (0.60, -0.45, 0.66)
-    props = [*_land(rng), *_houses(rng), *_lane(rng), *_near(rng), *_trees(rng)]
     far = 400.0 * np.array(sun)
     # As the meadow's: a sun ten times as wide as the real one and dimmer accordingly.
     lamps = (Lamp((far[0], far[1], far[2]), (0.0, 6.0, 0.0), 36.0, 330.0),)
-    return Stage(tuple(props), lamps, cloudy(rng, sun))
+    return Stage((*_land(rng), *_houses(rng), *_lane(rng), *_near(rng), *_trees(rng)), lamps, cloudy(rng, sun))
 
 
 def _height(x: np.ndarray, y: np.ndarray) -> np.ndarray:

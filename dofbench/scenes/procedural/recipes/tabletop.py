@@ -24,13 +24,12 @@ VIEWPOINTS = Viewpoints((0.0, 0.0, 1.12), (0.0, 3.4, 0.52), (0.30, 0.05, 0.20), 
 def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng(seed)
-    props = [*_room(rng), *_near(rng), *_middle(rng), *_far(rng)]
     lamps = (
         Lamp((-1.6, 0.4, 4.8), (0.1, 3.6, 0.3), 2.6, 10.0),
         Lamp((2.6, 4.6, 5.2), (0.4, 7.2, 0.5), 2.2, 14.0),
         Lamp((-1.7, 0.6, 3.4), (0.1, 3.0, 0.2), 0.22, 190.0),
     )
-    return Stage(tuple(props), lamps, 0.28)
+    return Stage((*_room(rng), *_near(rng), *_middle(rng), *_far(rng)), lamps, 0.28)
 
 
 def _room(rng: np.random.Generator) -> Iterable[Prop]:

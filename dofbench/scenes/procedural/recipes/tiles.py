@@ -18,9 +18,8 @@ VIEWPOINTS = Viewpoints((0.0, 0.0, 1.15), (0.0, 3.4, 0.75), (0.28, 0.05, 0.18), 
 def stage(seed: int) -> Stage:
     """The whole scene; the same seed gives the same arrays."""
     rng = np.random.default_rng([seed, 15])
-    props = [*_hall(rng), *_rows(rng)]
     lamps = (Lamp((-1.8, 0.6, 4.4), (0.0, 3.0, 0.2), 1.6, 20.0), Lamp((1.8, 5.0, 4.4), (0.0, 7.2, 0.2), 1.6, 26.0))
-    return Stage(tuple(props), lamps, 0.35)
+    return Stage((*_hall(rng), *_rows(rng)), lamps, 0.35)
 
 
 def _hall(rng: np.random.Generator) -> Iterable[Prop]:
