@@ -14,10 +14,9 @@ from rich.console import Console
 from dofbench.cli import app
 from dofbench.core.errors import InputError
 from dofbench.core.images import write_exr
-from dofbench.evaluation.renderer import kept_scores, planes
+from dofbench.evaluation.renderer import planes, renderer_scores
 from dofbench.evaluation.renderer import validate as run
-from dofbench.evaluation.renderer.kept_scores import FOLDER
-from dofbench.evaluation.renderer.renderer_scores import score
+from dofbench.evaluation.renderer.renderer_scores import FOLDER, score
 from dofbench.evaluation.renderer.validation_options import ValidateRenderer
 from dofbench.evaluation.renderer.variants import VARIANTS, Variant
 
@@ -120,7 +119,7 @@ def test_what_changed_is_scored_again_and_the_rest_kept(rendered, tmp_path, coun
     validate(rendered, out=tmp_path)
     assert {name for _, _, name in counted} == {"copy"}
     counted.clear()
-    monkeypatch.setattr(kept_scores, "package_digest", lambda packages: "f" * 64)
+    monkeypatch.setattr(renderer_scores, "package_digest", lambda packages: "f" * 64)
     validate(rendered, out=tmp_path)
     assert {name for _, _, name in counted} >= {"scatter", "copy"}
     assert all(file.name.startswith("ffff") for file in (tmp_path / FOLDER).iterdir())
