@@ -21,11 +21,8 @@ from tolerances import (
 
 from dofbench.core.images import read_image
 from dofbench.core.similarity import psnr, ssim
-from dofbench.evaluation.metrics.delta_e import delta_e
 from dofbench.evaluation.metrics.flip import PIXELS_PER_DEGREE, flip, flip_map
-from dofbench.evaluation.metrics.gmsd import gmsd
-from dofbench.evaluation.metrics.ms_ssim import ms_ssim, scale_count
-from dofbench.evaluation.metrics.ssim_uniform7 import ssim_uniform7
+from dofbench.evaluation.metrics.image_metrics import delta_e, gmsd, ms_ssim, scale_count, ssim_uniform7
 
 
 def pair(height: int, width: int, noise: float = 0.1, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
