@@ -1,4 +1,4 @@
-"""The lenses of a dataset's views, in words."""
+"""The lenses of a dataset's views as text."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ _LISTED = 6  # largest number of values that are listed; more are given as a ran
 
 
 def lens_words(lenses: dict[str, Any]) -> str:
-    """A text such as "trained on F 0.2, 0.8 and A 0.5, 1; the test views ask for F 0.5 and A 0". lenses: those of a
-    run's plan, in which a view of unknown lens has None."""
+    """A text such as "trained on F 0.2, 0.8 and A 0.5, 1; the test views ask for F 0.5 and A 0".
+
+    lenses: of a run's plan; None for a view of unknown lens.
+    """
     asked = "no test views"
     if lenses["test"]:
         known = any(lens is not None for lens in lenses["test"].values())
