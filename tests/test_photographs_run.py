@@ -113,8 +113,8 @@ def test_spread_and_ratio_come_from_a_sitting_of_several_apertures(two_apertures
         assert {"exif_spread", "exif_ratio"} & result.scores.keys() == there
         assert len(result.apertures) == len(result.foci) == 17
         assert ("exif_focus" in result.scores) == ("exif_focus_scatter" in result.scores) == ("exif_spread" in there)
-    assert "all photographs have one aperture" in result.left_out["exif_spread"]
-    assert "all photographs have one learned focus" in result.left_out["exif_focus"]
+    assert "all views of an f-number share one aperture" in result.left_out["exif_spread"]
+    assert "all views have one learned focus" in result.left_out["exif_focus"]
     assert result.scores["exif_ratio"] == pytest.approx(300), "f/8 : f/2, told apart by nothing"
     stored = json.loads(file.read_text())
     for view in stored["apertures"]:
@@ -167,7 +167,7 @@ def test_photographs_that_are_sharp_after_all_are_trained_on_without_a_lens(
     assert "stage lens: left out: the photographs show" in plan and "lens=False" in plan
     # Beside what the photographs themselves say, the scene's own depth is known.
     assert "scores photo_psnr, photo_ssim, disparity_error, depth_rel" in plan and "photographs-v1" in plan
-    assert "no photo_blur_psnr: photographs are predicted by one Gaussian blur in place of a lens: the lens was" in plan
+    assert "no photo_blur_psnr: test views are predicted by one Gaussian blur instead of a lens: the lens was" in plan
     (file,) = (tmp_path / "results").rglob("result.json")
     result = read_result(file)
     assert 0 < result.scores["disparity_error"] < 1

@@ -46,8 +46,6 @@ GIVEN_AWAY = 0.1
 OPENCV_ALPHA = 1e-2
 # Two files hold one pose, through quaternions and through matrices: of 1e-15 relative each, times scene units of 100.
 SAME_POSE = 1e-8
-# The published CIEDE2000 pairs are printed with four decimals.
-PUBLISHED_DELTA_E = 6e-5
 # CIELAB of sRGB's primaries to three decimals, relative.
 PUBLISHED_COLOURS = 1e-4
 # Each pixel of FLIP, 0 ... 1, against its authors' package, which computes in float32: a rounding of a feature counts

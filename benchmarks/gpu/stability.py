@@ -82,7 +82,7 @@ def cases() -> Iterator[tuple[Any, Any]]:
 
 def measured(case: Any, setting: Any, seconds: float) -> dict[str, str]:
     """The row of a case."""
-    from dofbench.evaluation.stability.limits import limit_of, read_limits
+    from dofbench.evaluation.stability.catalogue import limit_of, read_limits
 
     start, row = time.monotonic(), {"case": case.id, "kernel": case.subject}
     try:

@@ -1,1 +1,1 @@
-"""Blur of whole images by a known lens: display encoding, scatter, layered rendering, depth edges."""
+"""Defocus of images by a known lens: display encoding, scatter renderer, layered renderer, depth edges."""

@@ -1,4 +1,4 @@
-"""How wide the blur around each pixel of an image is, by its gradients before and after a second, known blur."""
+"""The blur around each pixel of an image, by its gradients before and after a second, known blur."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import numpy as np
 LUMA = np.array([0.299, 0.587, 0.114])
 SECOND_BLUR = 1.0  # px, standard deviation
 WINDOW = 9  # px
-CONTRAST = 0.01  # gradient, per px of a range of 1, below which there is no detail to judge by
-ABOVE_NOISE = 4.0  # times the noise's own energy that detail must have
-MOST = 8.0  # px: a wider blur can't be measured, since the second one hardly changes it
+CONTRAST = 0.01  # least gradient of detail, per px of a range of 1
+ABOVE_NOISE = 4.0  # least energy of detail, times the noise's energy
+MOST = 8.0  # px: a wider blur can't be measured, since the second blur hardly changes it
 
 
 def blur_deviation(luma: np.ndarray) -> np.ndarray:

@@ -1,7 +1,6 @@
-"""From a sharp encoded image and a signed radius to a photograph with shallow depth of field.
+"""Defocus of an all-in-focus, encoded image by signed CoC radii, in linear light (DoF-Gaussian, Algorithm 1).
 
-Blur happens in linear light (DoF-Gaussian, Algorithm 1): decode, scatter, encode. Synthesis, methods and evaluation all
-use this module, so that a lens means the same in all of them.
+Synthesis, methods and evaluation share it, so a lens has one meaning.
 """
 
 from __future__ import annotations
@@ -27,10 +26,9 @@ def defocus(
 ) -> Tensor:
     """Blur an encoded image (H, W, 3) by `signed_radius`, (H, W) pixels; encoded, (H, W, 3), not clipped.
 
-    Differentiable with respect to image and radius, so `blur` must name the renderer "scatter": InputError for another
-    one. If every radius is zero, the image is returned unchanged bit for bit and no gradient reaches the radius; the
-    kernel would leak 0.3 % of a pixel with R = 0 to its neighbours. backend, form: of `kernels/scatter/reference.py`,
-    whose errors are raised here too.
+    Differentiable with respect to image and radius; InputError for another renderer than "scatter". If every radius is
+    zero, the image is returned unchanged and no gradient reaches the radius; the kernel would leak 0.3 % of a pixel
+    with R = 0 to its neighbours. backend, form, and other errors: as in `kernels/scatter/op.py`.
     """
     if blur.renderer != "scatter":
         raise InputError("renderer", blur.renderer, "scatter, the only one with a gradient")
@@ -43,10 +41,10 @@ def defocus(
 def defocus_numpy(
     image: np.ndarray, depth: np.ndarray, lens: PhysicalLens, blur: Blur = Blur(), **options: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A photograph of a sharp image through `lens`: (encoded, linear), both (H, W, 3) float32.
+    """Defocus an all-in-focus image by `lens`: (encoded, linear), both (H, W, 3) float32.
 
-    image: (H, W, 3) float32, encoded. depth: (H, W), scene units; values that are zero, negative or not finite are
-    unknown and count as infinitely far. options: those of `defocus_by_radius`.
+    image: (H, W, 3) float32, encoded. depth: (H, W), scene units; zero, negative and non-finite values are infinitely
+    far. options: of `defocus_by_radius`.
     """
     return defocus_by_radius(image, _signed_radius(depth, lens, image.shape[1]), blur, **options)
 
@@ -60,9 +58,9 @@ def defocus_light(
     backend: str = "auto",
     form: str = "auto",
 ) -> np.ndarray:
-    """A photograph of a sharp image of linear light through `lens`: (H, W, 3) float32, linear, not clipped.
+    """Defocus an all-in-focus image of linear light, (H, W, 3) float32, of any brightness; linear, not clipped.
 
-    light: (H, W, 3) float32, linear, of any brightness. The rest is as in `defocus_numpy`, and so are the errors.
+    Other arguments and errors as in `defocus_numpy`.
     """
     radius = torch.from_numpy(_signed_radius(depth, lens, light.shape[1]).astype(np.float32))
     with torch.no_grad():
@@ -82,12 +80,11 @@ def _signed_radius(depth: np.ndarray, lens: PhysicalLens, width: int) -> np.ndar
 def defocus_by_radius(
     image: np.ndarray, signed_radius: np.ndarray, blur: Blur = Blur(), *, backend: str = "auto", form: str = "auto"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A photograph by the signed CoC radius, (H, W) pixels, positive nearer than the focus: (encoded, linear).
+    """Defocus by the signed CoC radius, (H, W) pixels, positive nearer than the focus: (encoded, linear), float32.
 
-    image: (H, W, 3) float32, encoded; so are both results. With zero radius everywhere `encoded` is the image itself.
-    blur: with the renderer "scatter", the paper's, or "layered", which handles occlusion (`layered.py`); InputError for
-    another renderer, unless the radius is zero. backend, form: of `kernels/scatter/op.py`, whose errors are
-    raised here too.
+    image: (H, W, 3) float32, encoded, returned as `encoded` for zero radii. blur: renderer "scatter", the paper's, or
+    "layered", which handles occlusion (`layered.py`); InputError for another one, unless the radius is zero. backend,
+    form, and other errors: as in `kernels/scatter/op.py`.
     """
     radius = torch.from_numpy(signed_radius.astype(np.float32))
     with torch.no_grad():
@@ -100,9 +97,9 @@ def defocus_by_radius(
 
 
 def scatter_of(blur: Blur, backend: str = "auto", form: str = "auto") -> Callable[[Tensor, Tensor], Tensor]:
-    """The scatter of this blur: from linear light (H, W, C) and signed radii (H, W), pixels, to (H, W, C) blurred.
+    """The scatter of this blur: a function of linear light (H, W, C) and signed radii (H, W), pixels.
 
-    backend, form: of `kernels/scatter/op.py`, whose errors are raised by what comes back.
+    backend, form: as in `kernels/scatter/op.py`.
     """
     kernel = load("scatter", backend)
     return partial(kernel, alpha=blur.alpha, shape=blur.shape, energy=blur.energy, form=form)
@@ -114,7 +111,7 @@ def _require_blur(blur: Blur) -> None:
 
 
 def _blurred(image: Tensor, radius: Tensor, blur: Blur, backend: str, form: str) -> tuple[Tensor, Tensor]:
-    """(encoded, linear) blurred image."""
+    """The blurred image: (encoded, linear)."""
     linear = _spread(fast_decode(image, blur.gamma, backend), radius, blur, backend, form)
     return fast_encode(linear, blur.gamma, backend), linear
 

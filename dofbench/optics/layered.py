@@ -1,12 +1,11 @@
-"""Lens blur with occlusion: depth layers, each scattered by itself, composited back to front.
+"""Defocus with occlusion: depth layers, each scattered separately, composited back to front.
 
-The plain scatter adds up the light of all pixels, so a blurred background shines through a focused foreground, and
-nothing is visible behind a blurred foreground. Here, within a circle of confusion of every depth edge, pixels are
-cut into layers by their signed radius. A layer is continued behind nearer layers, where its pixels are the nearest
-visible ones, with the radius of these pixels and a smooth continuation of its colours, which fills the places where a
-blurred foreground is transparent. A pixel on an outline belongs to two layers in part (`mixed_pixels.py`). The light
-and the opacity of a layer are scattered in the same way, and composited over the layers behind ("over" of Porter and
-Duff, 1984). Away from depth edges nothing is hidden, and the result is that of the plain scatter.
+The plain scatter sums the light of all pixels: a blurred background leaks into a focused foreground, and nothing is
+visible behind a blurred foreground. Here, within one CoC radius of every depth edge, pixels are divided into layers by
+signed radius. A layer is continued behind nearer layers, with the radius of its nearest visible pixels and smoothly
+continued colours. A pixel on an outline belongs to two layers (`mixed_pixels.py`). Light and opacity of a layer are
+scattered alike and composited ("over" of Porter and Duff, 1984). Away from depth edges the result is the plain
+scatter's.
 """
 
 from __future__ import annotations
@@ -29,9 +28,8 @@ def layered_blur(
 ) -> Tensor:
     """Blur `linear`, (H, W, 3) linear light, by `signed_radius`, (H, W) pixels, positive nearer; (H, W, 3).
 
-    scatter: blurs an (H, W, C) image by an (H, W) radius, normalised so that a constant image stays constant. layers:
-    number of equal intervals of the range of radii. Not differentiable. Raises ValueError for less than one layer, and
-    the error of `scatter` for a radius that isn't finite.
+    scatter: blurs an (H, W, C) image by an (H, W) radius and keeps constant images. layers: equal intervals of the
+    range of radii. Not differentiable. Raises ValueError for less than one layer, and the errors of `scatter`.
     """
     if layers < 1:
         raise ValueError(f"layers: expected at least 1, found {layers}")
@@ -55,7 +53,7 @@ def _composited(
     mixed = mixed_pixels(linear, radius)
     near_layer, far_layer = layer_of(mixed.near_radius), layer_of(mixed.far_radius)
     mixed, near_layer = mixed.where(near_layer != far_layer), near_layer[near_layer != far_layer]
-    # A mixed pixel is treated as its far surface, partly covered by the near one.
+    # A mixed pixel is its far surface, partly covered by the near one.
     linear, radius = linear.copy(), radius.copy()
     linear[mixed.rows, mixed.columns], radius[mixed.rows, mixed.columns] = mixed.far, mixed.far_radius
     label = layer_of(radius)
@@ -70,7 +68,7 @@ def _composited(
 def _layer(
     linear: np.ndarray, radius: np.ndarray, label: np.ndarray, index: int, before: MixedPixels
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W, 4) light and opacity of one layer, and the (H, W) radius by which they are scattered."""
+    """Light and opacity of one layer, (H, W, 4), and their radius, (H, W)."""
     seen = label <= index
     nearest = _nearest(seen)
     member = label.reshape(-1)[nearest] == index
@@ -82,17 +80,14 @@ def _layer(
     own[before.rows, before.columns] = before.near_radius
     member[before.rows, before.columns] = True
     if not member.all():
-        # Pixels outside the layer are transparent and get the radius of the nearest pixel of the layer. The scattered
-        # opacity is then the share of the circle of confusion that the layer covers.
+        # Pixels outside the layer are transparent, with the radius of its nearest pixel: the scattered opacity is the
+        # share of the CoC that the layer covers.
         own = own.reshape(-1)[_nearest(member)]
     return light.astype(linear.dtype, copy=False), np.ascontiguousarray(own)
 
 
 def _continued(image: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """The image with unknown pixels filled in smoothly, by means of the known pixels over ever larger squares.
-
-    An image pyramid, down and up again (pull-push of Gortler, Grzeszczuk, Szeliski, Cohen, The Lumigraph, 1996).
-    """
+    """The image with unknown pixels filled smoothly (pull-push: Gortler et al., The Lumigraph, 1996)."""
     import cv2
 
     if known.all() or not known.any():
@@ -102,21 +97,15 @@ def _continued(image: np.ndarray, known: np.ndarray) -> np.ndarray:
     padding = ((0, height % 2), (0, width % 2))
     weight = known.astype(np.float32)
     coarse_weight = cv2.resize(np.pad(weight, padding), half, interpolation=cv2.INTER_AREA)
-    coarse = (
-        cv2.resize(
-            np.pad((image * weight[..., None]).astype(np.float32), (*padding, (0, 0))),
-            half,
-            interpolation=cv2.INTER_AREA,
-        )
-        / np.maximum(coarse_weight, 1e-6)[..., None]
-    )
+    weighted = np.pad((image * weight[..., None]).astype(np.float32), (*padding, (0, 0)))
+    coarse = cv2.resize(weighted, half, interpolation=cv2.INTER_AREA) / np.maximum(coarse_weight, 1e-6)[..., None]
     filled = _continued(coarse, coarse_weight > 0)
     fine = cv2.resize(filled, (2 * half[0], 2 * half[1]), interpolation=cv2.INTER_LINEAR)
     return np.where(known[..., None], image, fine[:height, :width])
 
 
 def _softened(mask: np.ndarray) -> np.ndarray:
-    """(H, W) weight: 1 on the mask, falling to 0 within a few pixels around it."""
+    """(H, W) weight: 1 on the mask, falling to 0 over a few pixels around it."""
     import cv2
 
     distance = cv2.distanceTransform(np.logical_not(mask).astype(np.uint8), cv2.DIST_L2, 5)
@@ -124,7 +113,7 @@ def _softened(mask: np.ndarray) -> np.ndarray:
 
 
 def _nearest(chosen: np.ndarray) -> np.ndarray:
-    """(H, W) flat index of the chosen pixel that is nearest to each pixel; a chosen pixel's own index."""
+    """(H, W) flat index of the nearest chosen pixel."""
     import cv2
 
     places = np.flatnonzero(chosen)

@@ -1,9 +1,8 @@
-"""Separates pixels of a sharp picture that show two surfaces into the two surfaces' colours.
+"""Separates pixels on outlines into the colours of the near and the far surface.
 
-A pixel on an outline mixes the colours of the near and the far surface, but has the depth of one of them; blurred as a
-whole it would leave a seam. Its share of the near surface is estimated from the colours on either side, by the
-compositing equation C = a F + (1 - a) B (Porter and Duff, 1984) and least squares; the two colours are then adjusted so
-that their mixture is exactly the pixel.
+Such a pixel mixes two colours but has one depth; blurred as a whole it would leave a seam. Its share of the near
+surface is estimated from the colours on either side by least squares of C = a F + (1 - a) B (Porter and Duff, 1984);
+then the two colours are adjusted so that their mixture is exactly the pixel.
 """
 
 from __future__ import annotations
@@ -14,11 +13,11 @@ import numpy as np
 
 from dofbench.optics.depth_edges import JUMP
 
-_REACH = 2  # pixels: distance within which the colours of the two surfaces are sampled
-_WHITE = 1.0  # colours are cut at white, so that a highlight beside an outline doesn't distort the estimate
-_UNEXPLAINED = 0.25  # share of the two colours' difference: a pixel farther from their mixtures is left as it is
-_PURE = 0.1  # a pixel with a smaller share of one surface counts as the other surface alone
-_DISTINCT = 1e-3  # squared difference in linear light: colours that differ less aren't separated
+_REACH = 2  # pixels: distance at which the colours of the two surfaces are sampled
+_WHITE = 1.0  # colours are clipped at white, so that highlights next to an outline don't distort the estimate
+_UNEXPLAINED = 0.25  # share of the colours' difference: a pixel farther from their mixtures is kept
+_PURE = 0.1  # a pixel with a smaller share of one surface is of the other surface
+_DISTINCT = 1e-3  # squared difference in linear light below which colours aren't separated
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,15 +36,14 @@ class MixedPixels:
     far_radius: np.ndarray
 
     def where(self, chosen: np.ndarray) -> MixedPixels:
-        """The chosen pixels alone."""
+        """The chosen pixels."""
         return MixedPixels(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
 
 
 def mixed_pixels(linear: np.ndarray, signed_radius: np.ndarray) -> MixedPixels:
-    """The pixels beside a jump of the signed radius, (H, W) pixels, that are a mixture of the surfaces on both sides.
+    """The pixels next to a jump of the signed radius, (H, W) pixels, that mix the surfaces on both sides.
 
-    linear: (H, W, 3), linear light. Pixels between two jumps, such as a wire one pixel wide, are left out, and so are
-    pixels that aren't a mixture of the two colours.
+    linear: (H, W, 3), linear light. Pixels between two jumps, such as a wire one pixel wide, are excluded.
     """
     import cv2
 
@@ -79,8 +77,7 @@ def mixed_pixels(linear: np.ndarray, signed_radius: np.ndarray) -> MixedPixels:
     explained = (left <= _UNEXPLAINED**2 * length) & (length >= _DISTINCT) & (share > _PURE) & (share < 1 - _PURE)
     found = MixedPixels(rows, columns, share, front, back, front_radius, back_radius).where(explained)
     colour, share, front, back = colour[explained], found.share[:, None], found.near, found.far
-    # The remaining difference is distributed over both colours: the smallest change after which their mixture is
-    # exactly the pixel.
+    # The smallest change of both colours after which their mixture is exactly the pixel.
     left_over = (colour - share * front - (1 - share) * back) / (share**2 + (1 - share) ** 2)
     front, back = np.maximum(front + share * left_over, 0), np.maximum(back + (1 - share) * left_over, 0)
     return replace(found, near=front, far=back)

@@ -13,8 +13,16 @@ from dofbench.core.errors import Status
 from dofbench.core.evidence import PHOTOGRAPHER_WORDS, PHOTOGRAPHERS, ROLE_WORDS, ROLES, Photographer, Role
 from dofbench.datasets.format.points_record import PointsRecord
 from dofbench.evaluation.results.collecting import Entry, added_columns, board_names, grouped, variant_names
-from dofbench.evaluation.results.columns import ALL_IN_FOCUS, COLUMNS, EXIF, PHOTOGRAPH, REFOCUS, SCORES
-from dofbench.evaluation.results.lens_columns import HELD_OUT, lens_words
+from dofbench.evaluation.results.columns import (
+    ALL_IN_FOCUS,
+    COLUMNS,
+    EXIF,
+    HELD_OUT,
+    PHOTOGRAPH,
+    REFOCUS,
+    SCORES,
+    lens_words,
+)
 from dofbench.evaluation.results.protocol import DEPTH_COLUMNS, PROTOCOLS, arithmetic_mean
 from dofbench.methods.frozen_presets import State, state_of
 

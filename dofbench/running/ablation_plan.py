@@ -12,7 +12,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.evidence import Photographer, Role
 from dofbench.core.files import canonical_json, sha256_text
 from dofbench.datasets.format.dealing import Dealt
-from dofbench.evaluation.results.lens_columns import lens_words
+from dofbench.evaluation.results.columns import lens_words
 from dofbench.evaluation.results.run_spec import Run, parse_overrides
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_tables import TUNING, Declaration, Row, Table, chosen_tables

@@ -11,8 +11,7 @@ from dofbench.core.errors import InputError, unknown
 from dofbench.core.readable import read_toml
 from dofbench.datasets.format.dealing import Dealt
 from dofbench.datasets.format.inputs import Inputs
-from dofbench.evaluation.results.columns import COLUMNS
-from dofbench.evaluation.results.lens_columns import HELD_OUT
+from dofbench.evaluation.results.columns import COLUMNS, HELD_OUT
 from dofbench.methods.cards import find_method
 
 # Id of the table whose rows are the variants that a method's presets were chosen among, as many for every method. It is

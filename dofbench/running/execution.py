@@ -22,7 +22,6 @@ from dofbench.core.progress import say
 from dofbench.evaluation.metrics import METRICS
 from dofbench.evaluation.results import provenance
 from dofbench.evaluation.results.added_scores import ADDED_FILE
-from dofbench.evaluation.results.dead_result import record_out_of_memory
 from dofbench.evaluation.results.result import (
     MODEL_FOLDER,
     PREDICTIONS_FOLDER,
@@ -35,6 +34,7 @@ from dofbench.evaluation.results.result import (
     StageTime,
     write_result,
 )
+from dofbench.evaluation.results.run_lease import record_out_of_memory
 from dofbench.evaluation.scoring.evaluate import Evaluation, Evaluator
 from dofbench.running.observer import OneStep, Report, TrainingObserver
 from dofbench.running.plan import decided, revised

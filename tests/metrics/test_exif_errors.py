@@ -49,14 +49,18 @@ def test_the_scene_unit_doesnt_count(apertures: list[float], unit: float) -> Non
         ([(1, 5), (2, 5), (3, 5)], "", "fewer than two f-numbers"),
         ([(1, 5), (2, 5), (3, 5), (1, 8), (2, 8)], "", "fewer than two f-numbers"),
         # Apertures shared by the views of an f-number: the spread is meaningless, the ratio is not.
-        ([(3, 5)] * 3 + [(2.5, 10)] * 3, "all photographs have one aperture", ""),
+        ([(3, 5)] * 3 + [(2.5, 10)] * 3, "all views of an f-number share one aperture", ""),
         # Apertures shared by EXIF's f-numbers: both are meaningless.
-        ([(4, 5)] * 3 + [(2, 10)] * 3, "all photographs have one aperture", "tied by EXIF"),
-        ([(4 * (1 + 1e-12), 5), (4, 5), (4, 5)] + [(2, 10)] * 3, "all photographs have one aperture", "tied by EXIF"),
+        ([(4, 5)] * 3 + [(2, 10)] * 3, "all views of an f-number share one aperture", "tied by EXIF"),
+        (
+            [(4 * (1 + 1e-12), 5), (4, 5), (4, 5)] + [(2, 10)] * 3,
+            "all views of an f-number share one aperture",
+            "tied by EXIF",
+        ),
         # The same with the rounding errors of a training in float32.
         (
             [(float(np.float32(72.7) / np.float32(number)), number) for number in (14, 5, 6.3) for _ in range(3)],
-            "all photographs have one aperture",
+            "all views of an f-number share one aperture",
             "tied by EXIF",
         ),
         # Half of the apertures still have their initial value.

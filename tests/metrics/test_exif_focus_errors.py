@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import spearmanr
 from tolerances import FLOAT64_VALUE
 
-from dofbench.evaluation.metrics.exif_focus_errors import exif_focus_errors
+from dofbench.evaluation.metrics.exif_errors import exif_focus_errors
 
 DISTANCES = [0.5, 0.7, 0.9, 1.3, 2.0, 4.0, math.inf]
 
@@ -75,7 +75,7 @@ def test_a_scale_is_never_negative() -> None:
 @pytest.mark.parametrize(
     ("estimates", "why"),
     [
-        ([], "no training photograph"),
+        ([], "no training view"),
         ([(1.0 / d, d) for d in DISTANCES[:4]], "fewer than 5"),
         ([(1.0 + i / 10, (1.0, 2.0)[i % 2]) for i in range(8)], "fewer than 3 different"),
         ([(0.5 + 1e-9 * i, d) for i, d in enumerate(DISTANCES)], "one learned focus"),

@@ -7,10 +7,9 @@ import pytest
 
 from dofbench.core.errors import InputError
 from dofbench.evaluation.stability.case import Case, Found, Setting
-from dofbench.evaluation.stability.catalogue import catalogue
-from dofbench.evaluation.stability.limits import Limit, limit_of, read_limits
-from dofbench.evaluation.stability.measure import judged, measured
-from dofbench.evaluation.stability.stability_table import KNOWN, MET, MET_HERE, NOT_MET
+from dofbench.evaluation.stability.catalogue import Limit, catalogue, limit_of, read_limits
+from dofbench.evaluation.stability.measure import measured
+from dofbench.evaluation.stability.stability_table import KNOWN, MET, MET_HERE, NOT_MET, judged
 from dofbench.runtime.ops import backends, ops
 
 HERE = Setting("cpu", "float32")
@@ -75,20 +74,20 @@ def test_a_known_limit_is_measured_and_may_be_met(limit):
         assert judged(known, setting, found, (limit,)).verdict == (MET_HERE if found.met else KNOWN)
 
 
-@pytest.mark.parametrize("text", ["[[limit]]\ncase = 'a'\nwhere = ['all']", "limit = 3", "[[limit"])
-def test_a_list_that_is_none_is_a_mistake_of_one_line(tmp_path, text):
-    file = tmp_path / "limits.toml"
-    file.write_text(text)
-    with pytest.raises(InputError, match="no list of limits"):
-        read_limits(file)
+ENTRY = "[[limit]]\ncase = 'a'\nwhere = ['all']\nreason = '{}'\n"
 
 
-def test_a_limit_twice_or_without_a_reason_is_refused(tmp_path):
-    file = tmp_path / "limits.toml"
-    entry = "[[limit]]\ncase = 'a'\nwhere = ['all']\nreason = '{}'\n"
-    file.write_text(entry.format("x") + entry.format("y"))
-    with pytest.raises(InputError, match="twice"):
-        read_limits(file)
-    file.write_text(entry.format(" "))
-    with pytest.raises(InputError, match="without a reason"):
-        read_limits(file)
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[[limit]]\ncase = 'a'\nwhere = ['all']", "no list of limits"),
+        ("limit = 3", "no list of limits"),
+        ("[[limit", "no list of limits"),
+        (ENTRY.format("x") + ENTRY.format("y"), "twice"),
+        (ENTRY.format(" "), "without a reason"),
+    ],
+)
+def test_an_invalid_list_is_a_mistake_of_one_line(tmp_path, text, words):
+    (tmp_path / "limits.toml").write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_limits(tmp_path / "limits.toml")

@@ -61,19 +61,9 @@ def rendered(tmp_path, small) -> Path:
         pinhole, photograph, signed = looked_at(5.0, focus)
         image = f"lens/a_{focus}.exr"
         write_exr(folder / image, photograph)
-        images.append(
-            {
-                "view": "000",
-                "image": image,
-                "aperture": 0.5,
-                "focus": focus,
-                "aperture_scene": 10.0,
-                "focus_scene": focus_scene,
-                "samples": 256,
-                "noise_rms_linear": 1e-3,
-                "noise_psnr_db": 52.5,
-            }
-        )
+        lens = {"aperture": 0.5, "focus": focus, "aperture_scene": 10.0, "focus_scene": focus_scene}
+        noise = {"samples": 256, "noise_rms_linear": 1e-3, "noise_psnr_db": 52.5}
+        images.append({"view": "000", "image": image, **lens, **noise})
     write_exr(folder / "images_linear" / "000.exr", pinhole)
     depth = np.where(signed > 0, 2.0, 0.0)
     write_exr(folder / "depth" / "000.exr", depth)

@@ -13,7 +13,7 @@ from truth_fakes import looked_at
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, write_json
 from dofbench.core.images import write_exr
-from dofbench.evaluation.renderer.detect import cases_in
+from dofbench.evaluation.renderer.validate import cases_in
 from dofbench.optics.tone import encode
 
 

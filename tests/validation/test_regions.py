@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dofbench.evaluation.renderer.regions import regions
+from dofbench.evaluation.renderer.renderer_scores import regions
 
 
 @settings(max_examples=25, deadline=None)

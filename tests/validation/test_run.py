@@ -14,10 +14,9 @@ from rich.console import Console
 from dofbench.cli import app
 from dofbench.core.errors import InputError
 from dofbench.core.images import write_exr
-from dofbench.evaluation.renderer import kept_scores, planes
+from dofbench.evaluation.renderer import planes, renderer_scores
 from dofbench.evaluation.renderer import validate as run
-from dofbench.evaluation.renderer.kept_scores import FOLDER
-from dofbench.evaluation.renderer.renderer_scores import score
+from dofbench.evaluation.renderer.renderer_scores import FOLDER, score
 from dofbench.evaluation.renderer.validation_options import ValidateRenderer
 from dofbench.evaluation.renderer.variants import VARIANTS, Variant
 
@@ -64,32 +63,21 @@ def test_tables_of_everything(rendered, blb, lightfield, tmp_path, monkeypatch):
     assert "left" in said
     found = rows(tmp_path / "out")
     assert {row["variant"] for row in found} == {variant.name for variant in VARIANTS}
-    assert {row["source"] for row in found} == {
-        "planes",
-        "planes, hexagonal aperture",
-        "rendered",
-        "BLB",
-        "light field",
-    }
+    planar = {"planes", "planes, hexagonal aperture"}
+    assert {row["source"] for row in found} == planar | {"rendered", "BLB", "light field"}
+
+    def mean(*wanted):
+        rows_of = [row for row in found if (row["source"], row["region"], row["variant"]) == wanted]
+        return np.mean([float(row["psnr"]) for row in rows_of])
+
     for source in ("planes", "rendered", "BLB", "light field"):
-        by_variant = {
-            name: np.mean(
-                [
-                    float(row["psnr"])
-                    for row in found
-                    if row["source"] == source and row["region"] == "all" and row["variant"] == name
-                ]
-            )
-            for name in ("no blur", "scatter", "scatter, 8-bit input")
-        }
+        names = ("no blur", "scatter", "scatter, 8-bit input")
+        by_variant = {name: mean(source, "all", name) for name in names}
         assert by_variant["scatter"] > by_variant["no blur"]
         if source in ("rendered", "BLB"):  # highlights 30 times as bright as white
             assert by_variant["scatter"] > by_variant["scatter, 8-bit input"] + 1
     # Only where there is a scene to look at through a lens.
-    assert {row["source"] for row in found if row["variant"].startswith("thinlens")} == {
-        "planes",
-        "planes, hexagonal aperture",
-    }
+    assert {row["source"] for row in found if row["variant"].startswith("thinlens")} == planar
     assert {row["region"] for row in found} >= {"all", "blurred", "depth edge", "frame"}
     text = (tmp_path / "out" / "renderer.md").read_text()
     assert "43.30 dB / 0.9932" in text and "Unfinished" not in text and str(tmp_path) not in text
@@ -120,7 +108,7 @@ def test_what_changed_is_scored_again_and_the_rest_kept(rendered, tmp_path, coun
     validate(rendered, out=tmp_path)
     assert {name for _, _, name in counted} == {"copy"}
     counted.clear()
-    monkeypatch.setattr(kept_scores, "package_digest", lambda packages: "f" * 64)
+    monkeypatch.setattr(renderer_scores, "package_digest", lambda packages: "f" * 64)
     validate(rendered, out=tmp_path)
     assert {name for _, _, name in counted} >= {"scatter", "copy"}
     assert all(file.name.startswith("ffff") for file in (tmp_path / FOLDER).iterdir())

@@ -35,7 +35,7 @@ def scene(tmp_path_factory):
 
 @pytest.mark.slow
 def test_more_rays_come_closer_to_the_scenes_own_photograph(scene):
-    from dofbench.evaluation.renderer.detect import cases_in
+    from dofbench.evaluation.renderer.validate import cases_in
 
     (case,) = cases_in(scene)
     assert case.geometry

@@ -1,6 +1,6 @@
-"""How far a rendered depth map is from the true one, over the pixels whose true depth is known.
+"""Errors of a rendered depth map over the pixels of known depth.
 
-Disparity error: in the unit of focus, so that it says how far the circle of confusion is off: K times it, in pixels.
+Disparity error: in the unit of focus; times K it is the error of the CoC radius in pixels.
 Relative error: AbsRel of Eigen, Puhrsch, Fergus, "Depth map prediction from a single image", NIPS 2014, section 4.
 """
 
@@ -18,9 +18,8 @@ EMPTY_IS_INFINITELY_FAR = 0.0  # disparity of a pixel where nothing was rendered
 def disparity_error(depth: np.ndarray, truth: np.ndarray, disparity_range: DisparityRange) -> float:
     """Mean |d - d_true|, normalised disparity of the dataset; 0 is best.
 
-    depth, truth: (H, W), z in scene units, 0 where nothing was rendered or the truth isn't known. A pixel without
-    rendered depth counts as infinitely far. NaN for a NaN in `depth` at a known pixel, or no known pixel.
-    Raises ValueError for shapes that differ.
+    depth, truth: (H, W), z in scene units, 0 where empty or unknown. An empty pixel is infinitely far. NaN for a NaN at
+    a known pixel, or without known pixels. Raises ValueError for different shapes.
     """
     rendered, known = _known(depth, truth)
     if known.size == 0:

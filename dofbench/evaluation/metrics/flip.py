@@ -1,7 +1,7 @@
-"""FLIP, the error that is seen when two images are flipped back and forth.
+"""LDR-FLIP: the visible difference when flipping between two images.
 
 Source: Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild, "FLIP: a difference evaluator for alternating
-images", HPG 2020: LDR-FLIP by its formulas and constants. Tests compare it with its authors' package.
+images", HPG 2020. Tests compare it with the authors' package.
 """
 
 from __future__ import annotations
@@ -30,17 +30,14 @@ _WHITE = (0.31271, 0.32902)  # D65 of the CIE 1931 observer, xy
 def flip(prediction: np.ndarray, truth: np.ndarray, mask: np.ndarray | None = None) -> float:
     """Mean of the LDR-FLIP error map, 0 ... 1, at 67 pixels per degree.
 
-    prediction, truth: (H, W, 3), encoded (taken as sRGB), [0, 1]. mask: as for
-    `unmasked`. Raises ValueError for shapes that don't fit.
+    prediction, truth: (H, W, 3), encoded (taken as sRGB), [0, 1]. mask: as for `unmasked`. Raises ValueError for shapes
+    that don't fit.
     """
     return valid_mean(flip_map(*unmasked(prediction, truth, mask)), mask)
 
 
 def flip_map(prediction: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """(H, W) float64: the error of each pixel, of which `flip` is the mean; arguments as there.
-
-    A pixel that is NaN makes the errors within some ten pixels NaN.
-    """
+    """The error of each pixel, (H, W) float64; arguments as for `flip`. NaN spreads to some ten pixels around it."""
     images = [_opponent(image) for image in checked(prediction, truth)]
     difference = _colour_distance(*(_perceived(image) for image in images))
     features = [_features(image[..., 0] / 116) for image in images]
@@ -62,7 +59,7 @@ def _xyz(x: float, y: float) -> tuple[float, float, float]:
 
 @cache
 def _to_opponent() -> np.ndarray:
-    """(3, 3): linear sRGB to YCxCz, the linear form of CIELAB, whose first channel is 16 larger than there."""
+    """(3, 3): linear sRGB to YCxCz, the linear form of CIELAB (its first channel is larger by 16)."""
     return np.array([[0, 116, 0], [500, -500, 0], [0, 200, -200]]) @ _to_relative_xyz()
 
 
@@ -74,14 +71,14 @@ def _opponent(image: np.ndarray) -> np.ndarray:
 
 
 def _filtered(channel: np.ndarray, across: np.ndarray, down: np.ndarray) -> np.ndarray:
-    """A channel (H, W) by two kernels, its border's pixels repeated outwards."""
+    """A channel (H, W) filtered by two kernels, the border replicated."""
     import cv2
 
     return cv2.sepFilter2D(np.ascontiguousarray(channel), -1, across, down, borderType=cv2.BORDER_REPLICATE)
 
 
 def _perceived(opponent: np.ndarray) -> np.ndarray:
-    """(H, W, 3) in CIELAB with Hunt's adjustment: what the eye's contrast sensitivity leaves of the image."""
+    """(H, W, 3) in CIELAB with Hunt's adjustment, filtered by the eye's contrast sensitivity."""
     # One radius for all channels: three standard deviations of the widest Gaussian.
     widest = max(b for terms in _SENSITIVITY for _, b in terms)
     radius = math.ceil(3 * math.sqrt(widest / (2 * math.pi**2)) * PIXELS_PER_DEGREE)
@@ -99,7 +96,7 @@ def _perceived(opponent: np.ndarray) -> np.ndarray:
 
 
 def _hunt_lab(linear: np.ndarray) -> np.ndarray:
-    """(..., 3) CIELAB of linear sRGB. Colours fade with the lightness, as Hunt found: a and b are scaled by L / 100."""
+    """(..., 3) CIELAB of linear sRGB, a and b scaled by L / 100 (Hunt effect)."""
     relative = linear @ _to_relative_xyz().T
     bend = 6 / 29
     root = np.where(relative > bend**3, np.cbrt(relative), relative / (3 * bend**2) + 4 / 29)
@@ -109,14 +106,14 @@ def _hunt_lab(linear: np.ndarray) -> np.ndarray:
 
 
 def _colour_distance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(...) HyAB: the distance in lightness and that in the plane of the colours, added up."""
+    """(...) HyAB: the distance in lightness plus that in the plane of colours."""
     difference = one - other
     return np.abs(difference[..., 0]) + np.hypot(difference[..., 1], difference[..., 2])
 
 
 @cache
 def _largest_difference() -> float:
-    """Of two colours of sRGB, compressed: green and blue."""
+    """Compressed distance of sRGB's green and blue, the largest of all."""
     green, blue = _hunt_lab(np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]))
     return float(_colour_distance(green, blue)) ** _COLOUR_EXPONENT
 
@@ -131,7 +128,7 @@ def _redistributed(difference: np.ndarray) -> np.ndarray:
 
 
 def _features(lightness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W) each: the strength of edges and of points, by the first and second derivatives of a Gaussian."""
+    """(H, W) strengths of edges and of points, by the first and second derivatives of a Gaussian."""
     deviation = _FEATURE_WIDTH / 2 * PIXELS_PER_DEGREE
     x = np.arange(-math.ceil(3 * deviation), math.ceil(3 * deviation) + 1.0)
     smooth = np.exp(-(x**2) / (2 * deviation**2))
@@ -144,6 +141,6 @@ def _features(lightness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _balanced(kernel: np.ndarray) -> np.ndarray:
-    """With positive weights that sum to 1, and negative ones that sum to -1."""
+    """The kernel with positive weights of sum 1 and negative ones of sum -1."""
     positive, negative = kernel.clip(min=0), kernel.clip(max=0)
     return positive / positive.sum() - negative / negative.sum()

@@ -1,7 +1,6 @@
-"""How far the learned lens is from the true one: delta_A, delta_F and what they do together, delta_R.
+"""Errors of learned lenses: delta_A and delta_F as in DoF-Gaussian, and delta_R, their error in CoC radius.
 
-delta_A and delta_F are those of DoF-Gaussian's table of learned lenses, over the training views;
-delta_R is ours. An estimate is converted to the dataset's units, and nothing is fitted to it.
+Estimates are converted to the dataset's units without any fit.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import numpy as np
 
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
 
-DO_NOTHING = Lens(aperture=0.5, focus=0.5)  # the estimate of a method that learns nothing
+DO_NOTHING = Lens(aperture=0.5, focus=0.5)  # a constant prediction, as a baseline
 
 
 class ViewLensErrors(NamedTuple):
@@ -43,12 +42,11 @@ def lens_errors(
     width: int | Mapping[str, int],
     depths: Mapping[str, np.ndarray | None],
 ) -> LensErrors:
-    """Errors of the `estimated` lenses of the views named in `true`.
+    """Errors of the `estimated` lenses of the views in `true`.
 
-    disparity_range: of the dataset, which gives A and F their meaning. width: of the images,
-    pixels, one for all or by view; radii are in its pixels. depths: (H, W) by view, scene units, 0
-    where unknown; such pixels have no radius and are left out of delta_r. Estimates of other views
-    are not looked at. Raises ValueError when there is no view, or a view has no estimate or no depth.
+    disparity_range: of the dataset, the unit of A and F. width: of the images, pixels, one for all or by view. depths:
+    (H, W) by view, scene units, 0 where unknown; such pixels aren't part of delta_r. Raises ValueError without views,
+    and for a view without estimate or depth.
     """
     if not true:
         raise ValueError("lens errors: expected at least one view, found none")
@@ -83,7 +81,7 @@ def do_nothing_errors(
     width: int | Mapping[str, int],
     depths: Mapping[str, np.ndarray | None],
 ) -> LensErrors:
-    """Errors of saying A = F = 0.5 for every view: what a method must beat. Arguments as in `lens_errors`."""
+    """Errors of the constant prediction A = F = 0.5 for every view. Arguments as in `lens_errors`."""
     guesses = {name: DO_NOTHING.physical(disparity_range, _width(width, name)) for name in true}
     return lens_errors(true, guesses, disparity_range, width, depths)
 

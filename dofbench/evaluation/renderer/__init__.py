@@ -1,1 +1,1 @@
-"""validate-renderer: comparison of our renderers' blur with optical blur."""
+"""validate-renderer: compare the renderers with optical blur."""

@@ -1,9 +1,9 @@
-"""BLB, the benchmark of BokehMe: scenes by Blender with their bokeh images at five blur levels and ten focuses.
+"""BLB, the benchmark of BokehMe: Blender scenes with bokeh images at five blur levels and ten focuses.
 
 A scene is a folder with info.json ("blur_parameters", K in pixels times scene unit, and "focus_distances"), image.exr,
-depth.exr and bokeh_KK_FF.exr, where KK and FF count the two lists from 00. Colours are linear light. The signed radius
-is K (1 / depth - 1 / focus distance) pixels, with disparity not normalised (the repository's README and its issue 4;
-the sky's depth is 65504).
+depth.exr and bokeh_KK_FF.exr, where KK and FF index the two lists. Colours are linear light. The signed radius is
+K (1 / depth - 1 / focus distance) pixels, with disparity not normalised (the repository's README and its issue 4; the
+sky's depth is 65504).
 """
 
 from __future__ import annotations
@@ -18,15 +18,14 @@ import numpy as np
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json, sha256_file
 from dofbench.core.images import image_size, read_exr, read_image
-from dofbench.evaluation.renderer.renderer_truth import Case, Truth
-from dofbench.optics.tone import encode
+from dofbench.evaluation.renderer.renderer_truth import Case, Truth, existing
 
 INFO, IMAGE, DEPTH = "info.json", "image.exr", "depth.exr"
 _LISTS = ("blur_parameters", "focus_distances")
 
 
 def is_blb(folder: Path) -> bool:
-    """Whether a folder has an info.json that lists blur parameters and focus distances."""
+    """Whether a folder has an info.json with blur parameters and focus distances."""
     if not (folder / INFO).is_file():
         return False
     info = read_json(folder / INFO)
@@ -34,21 +33,13 @@ def is_blb(folder: Path) -> bool:
 
 
 def blb_cases(folder: Path) -> list[Case]:
-    """The bokeh images of one scene. Raises InputError, one line, for missing or inconsistent files."""
+    """The bokeh images of one scene. Raises InputError for missing or inconsistent files."""
     info = read_json(folder / INFO)
     for key in _LISTS:
-        values = info[key]
-        positive = (
-            isinstance(values, list)
-            and values
-            and all(
-                isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf
-                for value in values
-            )
-        )
-        if not positive:
-            raise InputError(folder / INFO, f"{key} = {values!r}", "a list of positive numbers")
-    sharp = {name: sha256_file(_there(folder / name)) for name in (IMAGE, DEPTH)}
+        if not isinstance(info[key], list) or not info[key] or not all(map(_is_positive, info[key])):
+            raise InputError(folder / INFO, f"{key} = {info[key]!r}", "a list of positive numbers")
+    blurs, distances = (info[key] for key in _LISTS)
+    sharp = {name: sha256_file(existing(folder / name, "a file of BLB's layout")) for name in (IMAGE, DEPTH)}
     width, height = image_size(folder / IMAGE)
     cases = []
     for file in sorted(folder.glob("bokeh_*.exr")):
@@ -56,27 +47,19 @@ def blb_cases(folder: Path) -> list[Case]:
         if match is None:
             continue
         level, place = int(match[1]), int(match[2])
-        if level >= len(info[_LISTS[0]]) or place >= len(info[_LISTS[1]]):
-            raise InputError(
-                file,
-                f"level {level}, focus {place}",
-                f"{' x '.join(str(len(info[key])) for key in _LISTS)} of them by {INFO}",
-            )
-        blur, distance = float(info[_LISTS[0]][level]), float(info[_LISTS[1]][place])
-        cases.append(
-            Case(
-                "BLB",
-                folder.name,
-                blur,
-                distance,
-                [sharp, sha256_file(file)],
-                width * height / 1e6,
-                partial(_photograph, folder, file, blur, distance),
-            )
-        )
+        if level >= len(blurs) or place >= len(distances):
+            expected = f"{len(blurs)} x {len(distances)} of them by {INFO}"
+            raise InputError(file, f"level {level}, focus {place}", expected)
+        blur, distance = float(blurs[level]), float(distances[place])
+        make, content = partial(_photograph, folder, file, blur, distance), [sharp, sha256_file(file)]
+        cases.append(Case("BLB", folder.name, blur, distance, content, width * height / 1e6, make))
     if not cases:
         raise InputError(folder, "no bokeh_KK_FF.exr", "BLB's bokeh images")
     return cases
+
+
+def _is_positive(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf
 
 
 def _photograph(folder: Path, file: Path, blur: float, distance: float) -> Truth:
@@ -88,16 +71,4 @@ def _photograph(folder: Path, file: Path, blur: float, distance: float) -> Truth
     if not (np.isfinite(depth).all() and (depth > 0).all()):
         raise InputError(folder / DEPTH, "depth that isn't finite or isn't positive", "z > 0 everywhere")
     signed = (blur * (1 / depth.astype(np.float64) - 1 / distance)).astype(np.float32)
-    return Truth(
-        sharp=encode(np.maximum(sharp, 0)),
-        signed_radius=signed,
-        photograph=encode(np.clip(photograph, 0, 1)),
-        border=math.ceil(float(np.abs(signed).max())) + 2,
-        own_error_db=math.nan,
-    )
-
-
-def _there(path: Path) -> Path:
-    if not path.is_file():
-        raise InputError(path, "nothing", "a file of BLB's layout")
-    return path
+    return Truth.from_linear(sharp, photograph, signed)

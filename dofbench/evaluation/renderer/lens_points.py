@@ -1,4 +1,4 @@
-"""Any number of points that cover a lens evenly."""
+"""Evenly distributed aperture samples."""
 
 from __future__ import annotations
 
@@ -9,17 +9,15 @@ import numpy as np
 from dofbench.core.lens import ApertureShape
 
 # Steps of Roberts' R2 sequence: powers of the real root of x^3 = x + 1 (M. Roberts, The Unreasonable Effectiveness of
-# Quasirandom Sequences, 2018). Any consecutive part of the sequence is evenly distributed, so more points can be added
-# later.
+# Quasirandom Sequences, 2018). Any consecutive part of it is evenly distributed.
 _ROOT = 1.32471795724474602596
 _STEPS = np.array([1 / _ROOT, 1 / _ROOT**2])
 
 
 def lens_points(count: int, shape: ApertureShape = ApertureShape(), first: int = 0) -> np.ndarray:
-    """(count, 2) float64 points (x, y) of a lens whose corners, or rim, are at radius 1.
+    """(count, 2) float64 points (x, y) of an aperture whose corners, or rim, are at radius 1.
 
-    first: how many points of the sequence are skipped, so that lens_points(a + b) is lens_points(a) followed by
-    lens_points(b, first=a).
+    first: number of skipped points: lens_points(a + b) is lens_points(a) followed by lens_points(b, first=a).
     """
     chosen: list[np.ndarray] = []
     found, index = 0, 0
@@ -34,6 +32,6 @@ def lens_points(count: int, shape: ApertureShape = ApertureShape(), first: int =
 
 
 def polygon_to_disc(shape: ApertureShape) -> float:
-    """Radius of the disc with the area of the aperture `shape`, a polygon whose corners are at radius 1."""
+    """Radius of the disc with the area of an aperture whose corners are at radius 1."""
     angle = np.linspace(0, 2 * math.pi, 3600, endpoint=False)
     return math.sqrt(float(np.mean(shape.radius_factor(angle) ** 2)) * (1 - shape.obstruction**2))

@@ -1,10 +1,9 @@
-"""Real photographs with a wide aperture: views of a light field, shifted and added over a round aperture.
+"""Real defocus: views of a light field, shifted and summed over a round aperture.
 
-A point with disparity d, in pixels per step between views, is seen u steps away from the centre at x + d u. Shifted
-back by f u and averaged over |u| <= rho, points with d = f stay sharp and others are spread over a disc of radius rho
-|d - f|. This is a photograph through a lens as wide as the grid, with correct occlusion (Ng et al., Light Field
-Photography with a Hand-held Plenoptic Camera, 2005). The renderer gets the centre view and a disparity map found from
-all views by a plane sweep.
+A point with disparity d, in pixels per step between views, is at x + d u in the view u steps from the centre. Shifted
+back by f u and averaged over |u| <= rho, points with d = f stay sharp and others spread over a disc of radius
+rho |d - f|: an image through a lens as wide as the grid, with correct occlusion (Ng et al., Light Field Photography
+with a Hand-held Plenoptic Camera, 2005). The renderer gets the centre view and a disparity map by a plane sweep.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -26,12 +26,11 @@ from dofbench.optics.tone import decode, encode
 
 GRID = "grid.json"
 _SWEEP_STEP = 0.02  # pixels per view step between two planes of the sweep
-_SWEEP_MARGIN = 0.15  # pixels per view step: extends the range of disparities in grid.json
+_SWEEP_MARGIN = 0.15  # pixels per view step beyond the range of disparities in grid.json
 _GUIDE_RADIUS, _GUIDE_EPSILON = 5, 1e-4
-_NEIGHBOURHOOD = 4  # steps of the sweep around the best one that aren't compared with it
-_CLEAR_MARGIN = 0.01  # encoded grey: a disparity that is better than others by this margin gets full weight
-# With this smoothness the smoother reaches 3 pixels where the weight is 1, and 300 where it is least. Edge: grey levels
-# of 255.
+_NEIGHBOURHOOD = 4  # steps around the best one that aren't compared with it
+_CLEAR_MARGIN = 0.01  # encoded grey: a disparity that is better by this margin gets full weight
+# The smoother reaches 3 pixels where the weight is 1, and 300 where it is least. Edge: grey levels of 255.
 _SMOOTHNESS, _EDGE = 10.0, 6.0
 _FOCUS_PERCENTILES = (5.0, 50.0, 95.0)
 
@@ -40,8 +39,8 @@ _FOCUS_PERCENTILES = (5.0, 50.0, 95.0)
 class LightField:
     """Views on a regular grid.
 
-    views: by (row, column) step from the centre, (H, W, 3) float32 encoded. disparities: least and largest,
-    pixels per step, as grid.json has them.
+    views: (H, W, 3) float32 encoded by (row, column) step from the centre. disparities: least and largest, pixels per
+    step, from grid.json.
     """
 
     name: str
@@ -50,7 +49,7 @@ class LightField:
 
     @property
     def centre(self) -> np.ndarray:
-        """The view in the middle."""
+        """The centre view."""
         return self.views[0, 0]
 
     @property
@@ -60,25 +59,19 @@ class LightField:
 
 
 def read_lightfield(folder: Path) -> LightField:
-    """Read `views/RR_CC.*` and grid.json with "centre" and "disparity_px_per_view_step".
-
-    Raises InputError, one line, for missing or inconsistent files.
-    """
+    """Read `views/RR_CC.*` and grid.json. Raises InputError for missing or inconsistent files."""
     path = folder / GRID
     if not path.is_file():
         raise InputError(folder, f"no {GRID}", "a light field: grid.json and views/RR_CC images")
     grid = read_json(path)
     try:
         middle = tuple(int(number) for number in grid["centre"].split("_"))
-        measured = grid["disparity_px_per_view_step"]
-        ends = [
-            value for key, values in measured.items() if key.startswith(("horizontal", "vertical")) for value in values
-        ]
+        measured = grid["disparity_px_per_view_step"].items()
+        ends = [value for key, values in measured if key.startswith(("horizontal", "vertical")) for value in values]
         disparities = float(min(ends)), float(max(ends))
     except (KeyError, TypeError, ValueError, AttributeError):
-        raise InputError(
-            path, "no centre or no disparities", '"centre": "RR_CC" and "disparity_px_per_view_step"'
-        ) from None
+        expected = '"centre": "RR_CC" and "disparity_px_per_view_step"'
+        raise InputError(path, "no centre or no disparities", expected) from None
     views = {}
     for file in sorted((folder / "views").glob("*")):
         match = re.fullmatch(r"(\d+)_(\d+)", file.stem)
@@ -90,40 +83,29 @@ def read_lightfield(folder: Path) -> LightField:
     if len(sizes) > 1:
         raise InputError(folder / "views", f"images of {len(sizes)} sizes", "one size")
     steps = min(max(abs(row) for row, _ in views), max(abs(column) for _, column in views))
-    missing = [
-        (row, column)
-        for row in range(-steps, steps + 1)
-        for column in range(-steps, steps + 1)
-        if (row, column) not in views
-    ]
-    if steps < 1 or missing:
+    around = range(-steps, steps + 1)
+    if steps < 1 or not set(product(around, around)) <= set(views):
         raise InputError(folder / "views", f"{len(views)} views with gaps", "a full grid around the centre")
     return LightField(folder.name, views, disparities)
 
 
 def lightfield_cases(folder: Path) -> list[Case]:
-    """Photographs at apertures up to the whole grid, focused far, in the middle and near."""
+    """Images at apertures up to the whole grid, focused far, in the middle and near."""
     field = read_lightfield(folder)
     depth = cache(partial(_depth, field))
     content = [sha256_file(folder / GRID)]
     content += [sha256_file(file) for file in sorted((folder / "views").glob("*")) if file.is_file()]
+    size = field.centre[..., 0].size / 1e6
     return [
         Case(
-            "light field",
-            field.name,
-            float(rho),
-            percentile,
-            content,
-            field.centre[..., 0].size / 1e6,
-            partial(_photograph, field, depth, rho, percentile),
+            "light field", field.name, float(rho), focus, content, size, partial(_photograph, field, depth, rho, focus)
         )
-        for rho in range(2, field.steps + 1)
-        for percentile in _FOCUS_PERCENTILES
+        for rho, focus in product(range(2, field.steps + 1), _FOCUS_PERCENTILES)
     ]
 
 
 def _depth(field: LightField) -> tuple[np.ndarray, int]:
-    """The centre view's disparity, pixels per step, and +1 where a larger one is nearer, else -1."""
+    """The centre view's disparity, pixels per step, and +1 if a larger one is nearer, else -1."""
     disparity = sweep(field)
     return disparity, _nearer_sign(field, disparity)
 
@@ -133,8 +115,7 @@ def _photograph(field: LightField, depth: Callable[[], tuple[np.ndarray, int]], 
     disparity, nearer = depth()
     focus = float(np.percentile(disparity, percentile))
     aperture = _aperture(rho)
-    # Radius of the disc whose area is that of the views, one square step each.
-    radius = math.sqrt(len(aperture) / math.pi)
+    radius = math.sqrt(len(aperture) / math.pi)  # of the disc with the views' area, one square step each
     whole, half = _added(field, aperture, focus), _added(field, aperture[::2], focus)
     error = float(np.mean((encode(whole) - encode(half)) ** 2))
     return Truth(
@@ -149,19 +130,18 @@ def _photograph(field: LightField, depth: Callable[[], tuple[np.ndarray, int]], 
 def sweep(field: LightField) -> np.ndarray:
     """(H, W) float64 disparity of the centre view, pixels per step.
 
-    For each of many disparities, all views are shifted onto the centre view. Their difference from it is averaged over
-    the half of the views (left, right, upper or lower) that fits best, since beside an edge only one side sees the
-    point, and is smoothed along the centre view's edges (Rhemann et al., Fast Cost-Volume Filtering, 2011). The
-    disparity of least difference is taken, refined by a parabola. Where no disparity is clearly better than others far
-    from it, as on a wall without texture, the value is interpolated from the surroundings, up to the next edge in the
-    picture (a fast global smoother, Min et al., 2014, weighted by the square of how much better it is).
+    For each candidate, all views are shifted onto the centre view. Their difference is averaged over the best half of
+    the views (left, right, upper or lower; next to an edge only one side sees the point) and smoothed along edges
+    (Rhemann et al., Fast Cost-Volume Filtering, 2011). The best disparity is refined by a parabola. Where it isn't
+    clearly better than distant ones, it is interpolated up to the next edge (fast global smoother, Min et al., 2014,
+    weighted by the squared margin).
     """
     import cv2
 
     low, high = field.disparities[0] - _SWEEP_MARGIN, field.disparities[1] + _SWEEP_MARGIN
     candidates = np.arange(low, high + _SWEEP_STEP, _SWEEP_STEP)
     centre = field.centre
-    # Every second view is enough to find the disparity, in half of the time.
+    # Every second view suffices.
     chosen = [place for place in field.views if place != (0, 0) and (place[0] + place[1]) % 2 == 0]
     sides = [[place for place in chosen if sign * place[axis] >= 0] for axis in (0, 1) for sign in (1, -1)]
     costs = []
@@ -188,12 +168,8 @@ def sweep(field: LightField) -> np.ndarray:
 
 def _aperture(rho: int) -> list[tuple[int, int]]:
     """The steps (row, column) within a radius of rho, row by row."""
-    return [
-        (row, column)
-        for row in range(-rho, rho + 1)
-        for column in range(-rho, rho + 1)
-        if row * row + column * column <= rho * rho
-    ]
+    around = range(-rho, rho + 1)
+    return [(row, column) for row, column in product(around, around) if row * row + column * column <= rho * rho]
 
 
 def _added(field: LightField, aperture: list[tuple[int, int]], focus: float) -> np.ndarray:
@@ -208,13 +184,13 @@ def _shifted(view: np.ndarray, place: tuple[int, int], disparity: float) -> np.n
     """The view of `place`, sampled at x + disparity * place for every x of the centre view."""
     import cv2
 
-    # Filtered here, since OpenCV's warping rounds positions to 1/32 pixel, which is coarser than a step of the sweep.
+    # OpenCV's warping rounds positions to 1/32 pixel, which is coarser than a step of the sweep.
     by_row, by_column = (_lanczos(disparity * step) for step in place)
     return cv2.sepFilter2D(view, -1, by_column, by_row, borderType=cv2.BORDER_REPLICATE)
 
 
 def _lanczos(shift: float) -> np.ndarray:
-    """Weights of the pixels around x, the middle one x's own, that give the value at x + shift: Lanczos, 3 lobes."""
+    """Weights of the pixels around x for the value at x + shift: Lanczos, 3 lobes."""
     reach = math.ceil(abs(shift)) + 3
     distance = np.arange(-reach, reach + 1) - shift
     weights = np.where(np.abs(distance) < 3, np.sinc(distance) * np.sinc(distance / 3), 0.0)
@@ -222,10 +198,9 @@ def _lanczos(shift: float) -> np.ndarray:
 
 
 def _nearer_sign(field: LightField, disparity: np.ndarray) -> int:
-    """+1 if a larger disparity is nearer, else -1, decided by occlusion.
+    """+1 if a larger disparity is nearer, else -1, by occlusion.
 
-    Two points of the centre view that fall on one pixel of an outer view can't both be visible there; the one whose
-    colour the pixel has is nearer.
+    Of two points of the centre view on one pixel of an outer view, the one with the pixel's colour is nearer.
     """
     height, width = disparity.shape
     rows, columns = np.mgrid[:height, :width]

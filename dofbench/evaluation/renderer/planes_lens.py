@@ -1,4 +1,4 @@
-"""Textured planes seen from points of a lens, compiled: row by row, nearest plane first."""
+"""Textured planes seen from aperture samples, compiled: row by row, nearest plane first."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dofbench.runtime.kernel_cache import cached
 
 ALL, LOWER_HALF, DISCS, BARS = range(4)
 # Discs: centre as shares of width and height, radius in pixels. Bars: position as share of the width, half width in
-# pixels, slant.
+# pixels, cosine and sine of the slant.
 _DISCS = np.array([(0.28, 0.35, 42.0), (0.72, 0.55, 60.0), (0.45, 0.85, 30.0)])
 _BARS = np.array(
     [
@@ -23,7 +23,7 @@ _BARS = np.array(
 
 @njit(fastmath=True, error_model="numpy")
 def _cover(stencil, px, py, width, height, cover):
-    """How much of each position (px, py) a stencil covers, 0 ... 1 over one pixel around its edge, into `cover`."""
+    """Write a stencil's coverage of each position (px, py), 0 ... 1 over one pixel around its edge, to `cover`."""
     n = len(px)
     if stencil == ALL:
         cover[:] = 1.0
@@ -80,11 +80,11 @@ def _add_sampled(picture, period, px, py, share, light, row):
 @cached
 @njit(parallel=True, error_model="numpy")
 def add_views(pictures, period, stencils, radii, points, light, front):
-    """Add what each pixel sees from each lens point to `light`, (2, 3, H, W): even points to the first half.
+    """Add each pixel's light from each aperture sample to `light`, (2, 3, H, W): even samples to the first half.
 
-    pictures: (P, 3, period, period + W + 1) float32, far to near, repeating after `period`. stencils: (P,) integers.
-    radii: (P, 3), the signed radius (a, bx, by) of a plane at p: a + bx px + by py pixels. points: (N, 2).
-    front: (H, W), set to the signed radius of the nearest plane at each pixel, seen from the last point.
+    pictures: (P, 3, period, period + W + 1) float32, far to near. stencils: (P,) integers. radii: (P, 3), the signed
+    radius (a, bx, by) of a plane at p: a + bx px + by py pixels. points: (N, 2). front: (H, W), set to the signed
+    radius of the nearest plane at each pixel for the last sample.
     """
     planes = len(stencils)
     height, width = front.shape

@@ -1,4 +1,4 @@
-"""The scores as renderer.csv and renderer.md."""
+"""The scores as renderer.csv, renderer.md and precision.png."""
 
 from __future__ import annotations
 
@@ -8,34 +8,40 @@ import itertools
 import math
 import os
 import shlex
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, fields
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from dofbench.core.markdown_text import code
-from dofbench.evaluation.renderer.regions import REGIONS
-from dofbench.evaluation.renderer.renderer_scores import Score
+from dofbench.evaluation.figures import look, new_figure, save
+from dofbench.evaluation.renderer.renderer_scores import REGIONS, Score
 from dofbench.evaluation.renderer.validation_options import ValidateRenderer
 from dofbench.evaluation.renderer.variants import VARIANTS, Variant
 
-EXACT_DB = 100.0  # PSNR that stands in means for a region without any error
+EXACT_DB = 100.0  # PSNR in means for a region without any error
 _BY_SCENE = ("no blur", "scatter", "layered, 4", "layered, 16", "thinlens, 64")
 _WHAT = {
-    "planes": "textured planes before an exact thin lens, depth known exactly.",
-    "planes, hexagonal aperture": 'the same planes, and the lens has six blades. "Other aperture" is a disc here.',
-    "light field": "views of a real light field, added over a round aperture; disparity by a plane sweep over all "
-    "views, so its errors are part of every renderer's.",
-    "rendered": "scenes by `dofbench make-scene` through a sampled thin lens, exact depth, linear light with "
+    "planes": "textured planes in front of an exact thin lens, exact depth.",
+    "planes, hexagonal aperture": 'the same planes, aperture with six blades. "Other aperture" is a disc here.',
+    "light field": "views of a real light field, summed over a round aperture; disparity by a plane sweep, whose "
+    "errors are part of every renderer's.",
+    "rendered": "scenes by `dofbench make-scene` rendered with a thin-lens camera, exact depth, linear light with "
     "highlights above white.",
-    "BLB": "scenes by Blender with depth and bokeh images, BokehMe's benchmark; its protocol scores the whole frame.",
+    "BLB": "Blender scenes with depth and bokeh images, BokehMe's benchmark; its protocol scores the whole frame.",
 }
 _PAPER = (
-    "DoF-Gaussian states 43.30 dB / 0.9932 for the pipeline that made its synthetic set, on scenes rendered with "
-    "Blender: other data than this, at other blur."
+    "DoF-Gaussian reports 43.30 dB / 0.9932 for the pipeline of its synthetic set, on other scenes rendered with "
+    "Blender."
 )
 _QUOTED_AT = ("rendered", "BLB")
+_PLOTTED = tuple(region for region in REGIONS if region != "frame")
+_LEAST_RANGE = 1.0  # dB: smallest range of an axis, so that tiny differences aren't magnified
+_MARKERS = {"scatter": "D", "layered": "o", "thinlens": "s"}
+
+Cell = Callable[[list[Score]], str]
 
 
 def csv_text(rows: Iterable[Score]) -> str:
@@ -49,16 +55,18 @@ def csv_text(rows: Iterable[Score]) -> str:
 
 
 def markdown(rows: list[Score], cases: int, settings: ValidateRenderer, plots: list[Path]) -> str:
-    """The report; `cases`: how many photographs there are to score."""
-    scored = len(_photographs(rows))
-    lines = ["# How close the renderers come to optical blur", "", _command(settings), ""]
+    """The report. cases: number of images to score."""
+    scored = _images(rows)
+    words = ["dofbench", "validate-renderer", *(folder.name for folder in settings.truths)]
+    command = code(shlex.join(words + ([] if settings.planes else ["--no-planes"])))
+    lines = ["# Renderers compared with optical blur", "", command, ""]
     if scored < cases:
-        lines += [f"Unfinished: {scored} of {cases} photographs. The same command goes on.", ""]
+        lines += [f"Unfinished: {scored} of {cases} images. Rerun the same command to resume.", ""]
     lines += [
-        "Means over photographs: PSNR in dB / SSIM / FLIP of encoded images in [0, 1]. Depth edge: within one "
-        "circle of confusion of a jump in depth. Frame: all of the picture; the other regions leave out a margin "
-        "as wide as the blur, where light comes in from beyond the picture. Exact regions count as "
-        f"{EXACT_DB:.0f} dB. Seconds are medians for one megapixel{_load()}.",
+        "Means over images: PSNR in dB / SSIM / FLIP of encoded images in [0, 1]. Depth edge: within one CoC radius of "
+        "a jump in depth. Frame: the whole image; the other regions exclude a margin as wide as the blur, which light "
+        f"from outside the image reaches. Exact regions count as {EXACT_DB:.0f} dB. Seconds are medians for one "
+        f"megapixel{_load()}.",
         "",
     ]
     lines += [line for plot in plots for line in (f"![Error against run time, by region]({plot.name})", "")]
@@ -67,148 +75,142 @@ def markdown(rows: list[Score], cases: int, settings: ValidateRenderer, plots: l
     return "\n".join(lines)
 
 
-def mean_psnr(rows: Iterable[Score]) -> float | None:
-    """Mean over photographs, dB; None without rows."""
-    values = [min(row.psnr, EXACT_DB) for row in rows]
-    return float(np.mean(values)) if values else None
-
-
-def seconds(rows: Iterable[Score]) -> float:
-    """Median over photographs of one render's time per megapixel."""
-    return float(np.median([row.seconds_per_megapixel for row in rows]))
-
-
 def _source(source: str, rows: list[Score]) -> list[str]:
-    photographs = len(_photographs(rows))
-    lines = [f"## {source}", "", f"{photographs} photographs: {_WHAT[source]} {_noise(source, rows)}", ""]
-    if source in _QUOTED_AT:
-        lines += [_PAPER, ""]
-    lines += _table(
-        "renderer",
-        [*REGIONS, "s a megapixel"],
-        [
-            (
-                variant.name,
-                [
-                    *(_cell(row for row in of_one if row.region == region) for region in REGIONS),
-                    f"{seconds(of_one):.2g}",
-                ],
-            )
-            for variant, of_one in _by_variant(rows)
-        ],
-    )
-    lines += ["", "Error against run time, fastest first: PSNR.", ""]
-    lines += _table(
-        "renderer",
-        ["s a megapixel", *REGIONS],
-        [
-            (
-                variant.name,
-                [
-                    f"{seconds(of_one):.2g}",
-                    *(_psnr(row for row in of_one if row.region == region) for region in REGIONS),
-                ],
-            )
-            for variant, of_one in sorted(_by_variant(rows), key=lambda pair: seconds(pair[1]))
-            if variant.family
-        ],
-    )
-    lines += [
-        "",
-        "By the largest radius in the picture, pixels: PSNR of the whole picture / beside depth edges.",
-        "",
-        *_by_radius(rows),
-        "",
-        "By scene: the same.",
-        "",
-        *_by_scene(rows),
-        "",
+    found = _by_variant(rows)
+    fastest = sorted((variant for variant in found if variant.family), key=lambda variant: _seconds(found[variant]))
+    every, some = ({variant.name: found[variant] for variant in chosen} for chosen in (found, fastest))
+    time: dict[str, Cell] = {"s a megapixel": lambda rows: f"{_seconds(rows):.2g}"}
+    full: dict[str, Cell] = {region: partial(_in_region, _scores, region) for region in REGIONS}
+    plain: dict[str, Cell] = {region: partial(_in_region, _psnr, region) for region in REGIONS}
+    spans: dict[str, Cell] = {
+        f"{low:.1f} to {min(high, rows_max):.1f}": partial(_in_span, low, high) for low, high, rows_max in _spans(rows)
+    }
+    scenes = {name: [row for row in rows if row.name == name] for name in dict.fromkeys(row.name for row in rows)}
+    variants: dict[str, Cell] = {v.name: partial(_of_variant, v.name) for v in found if v.name in _BY_SCENE}
+    quoted = [_PAPER, ""] if source in _QUOTED_AT else []
+    return [
+        *(f"## {source}", "", f"{_images(rows)} images: {_WHAT[source]} {_noise(source, rows)}", "", *quoted),
+        *_table("renderer", every, full | time),
+        *("", "Error against run time, fastest first: PSNR.", "", *_table("renderer", some, time | plain)),
+        *("", "By the largest radius in the image, pixels: PSNR of the whole image / at depth edges.", ""),
+        *_table("renderer", every, spans),
+        *("", "By scene: the same.", "", *_table("scene", scenes, variants), ""),
     ]
-    return lines
 
 
-def _noise(source: str, rows: list[Score]) -> str:
-    least = min(row.truth_psnr for row in rows)
-    if math.isnan(least):
-        return "Its own noise is not stated."
-    if source == "rendered":
-        return f"Noise leaves them {least:.1f} dB or more from what infinitely many rays would give."
-    return f"A photograph from half of its lens points is {least:.1f} dB or more from the one used here."
-
-
-def _by_radius(rows: list[Score]) -> list[str]:
-    edges = np.percentile([row.radius for row in rows], [0, 100 / 3, 200 / 3, 100])
-    # The last interval includes its upper end, so that it contains the largest radius.
-    spans = [(low, high if high < edges[-1] else math.inf) for low, high in itertools.pairwise(edges) if low < high]
-    spans = spans or [(edges[0], math.inf)]
-    names = [f"{low:.1f} to {min(high, edges[-1]):.1f}" for low, high in spans]
-    return _table(
-        "renderer",
-        names,
-        [
-            (variant.name, [_whole_and_edge(row for row in of_one if low <= row.radius < high) for low, high in spans])
-            for variant, of_one in _by_variant(rows)
-        ],
-    )
-
-
-def _by_scene(rows: list[Score]) -> list[str]:
-    chosen = [(variant, of_one) for variant, of_one in _by_variant(rows) if variant.name in _BY_SCENE]
-    return _table(
-        "scene",
-        [variant.name for variant, _ in chosen],
-        [
-            (name, [_whole_and_edge(row for row in of_one if row.name == name) for _, of_one in chosen])
-            for name in dict.fromkeys(row.name for row in rows)
-        ],
-    )
-
-
-def _by_variant(rows: list[Score]) -> list[tuple[Variant, list[Score]]]:
-    found = [(variant, [row for row in rows if row.variant == variant.name]) for variant in VARIANTS]
-    return [(variant, of_one) for variant, of_one in found if of_one]
-
-
-def _photographs(rows: list[Score]) -> set[tuple[str, str, str, float, float]]:
-    return {(row.source, row.name, row.view, row.aperture, row.focus) for row in rows}
-
-
-def _table(first: str, columns: list[str], lines: list[tuple[str, list[str]]]) -> list[str]:
+def _table(first: str, lines: dict[str, list[Score]], columns: dict[str, Cell]) -> list[str]:
+    """A Markdown table: each cell is a column's function of a line's scores."""
     return [
         f"| {first} | {' | '.join(columns)} |",
         "| --- |" + " --- |" * len(columns),
-        *(f"| {name} | {' | '.join(cells)} |" for name, cells in lines),
+        *(f"| {name} | {' | '.join(cell(rows) for cell in columns.values())} |" for name, rows in lines.items()),
     ]
 
 
-def _cell(rows: Iterable[Score]) -> str:
-    rows = list(rows)
+def _in_region(cell: Cell, region: str, rows: list[Score]) -> str:
+    return cell([row for row in rows if row.region == region])
+
+
+def _in_span(low: float, high: float, rows: list[Score]) -> str:
+    return _whole_and_edge([row for row in rows if low <= row.radius < high])
+
+
+def _of_variant(name: str, rows: list[Score]) -> str:
+    return _whole_and_edge([row for row in rows if row.variant == name])
+
+
+def _whole_and_edge(rows: list[Score]) -> str:
+    return " / ".join(_in_region(_psnr, region, rows) for region in ("all", "depth edge"))
+
+
+def _scores(rows: list[Score]) -> str:
     if not rows:
         return "–"
     if all(math.isinf(row.psnr) for row in rows):
         return "exact"
     ssim, flip = (float(np.mean([getattr(row, key) for row in rows])) for key in ("ssim", "flip"))
-    return f"{mean_psnr(rows):.2f} / {ssim:.4f} / {flip:.4f}"
+    return f"{_psnr(rows)} / {ssim:.4f} / {flip:.4f}"
 
 
-def _psnr(rows: Iterable[Score]) -> str:
-    mean = mean_psnr(rows)
-    return "–" if mean is None else f"{mean:.2f}"
+def _psnr(rows: list[Score]) -> str:
+    return f"{_mean_psnr(rows):.2f}" if rows else "–"
 
 
-def _whole_and_edge(rows: Iterable[Score]) -> str:
-    rows = list(rows)
-    return " / ".join(_psnr(row for row in rows if row.region == region) for region in ("all", "depth edge"))
+def _mean_psnr(rows: list[Score]) -> float:
+    """Mean over images, dB."""
+    return float(np.mean([min(row.psnr, EXACT_DB) for row in rows]))
+
+
+def _seconds(rows: list[Score]) -> float:
+    """Median over images of one rendering's time per megapixel."""
+    return float(np.median([row.seconds_per_megapixel for row in rows]))
+
+
+def _spans(rows: list[Score]) -> list[tuple[float, float, float]]:
+    """Three intervals of the radius with as many images each: (from, below, largest radius)."""
+    edges = np.percentile([row.radius for row in rows], [0, 100 / 3, 200 / 3, 100])
+    # The last interval includes its upper end, so that it contains the largest radius.
+    spans = [(low, high if high < edges[-1] else math.inf) for low, high in itertools.pairwise(edges) if low < high]
+    return [(low, high, edges[-1]) for low, high in spans or [(edges[0], math.inf)]]
+
+
+def _noise(source: str, rows: list[Score]) -> str:
+    least = min(row.truth_psnr for row in rows)
+    if math.isnan(least):
+        return "Their own noise is unknown."
+    if source == "rendered":
+        return f"Their own noise: {least:.1f} dB or more against infinitely many rays."
+    return f"Their own error: {least:.1f} dB or more between half of the aperture samples and all."
+
+
+def _by_variant(rows: list[Score]) -> dict[Variant, list[Score]]:
+    found = {variant: [row for row in rows if row.variant == variant.name] for variant in VARIANTS}
+    return {variant: of_one for variant, of_one in found.items() if of_one}
+
+
+def _images(rows: list[Score]) -> int:
+    return len({(row.source, row.name, row.view, row.aperture, row.focus) for row in rows})
 
 
 def _load() -> str:
-    """The cores, and whether the machine was busy: times on a busy machine can only be compared with each other."""
+    """The cores, and whether the machine was busy: only ratios of times on a busy machine are meaningful."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     load = os.getloadavg()[2] if hasattr(os, "getloadavg") else 0.0
-    busy = f", which others kept busy (load {load:.0f}): only their ratios count" if load > 2 * cores else ""
+    busy = f", busy with other work (load {load:.0f}): only ratios of times are meaningful" if load > 2 * cores else ""
     return f", on {cores} cores{busy}"
 
 
-def _command(settings: ValidateRenderer) -> str:
-    words = ["dofbench", "validate-renderer", *(folder.name for folder in settings.truths)]
-    return code(shlex.join(words + ([] if settings.planes else ["--no-planes"])))
+def plot_precision(rows: list[Score], folder: Path) -> Path:
+    """Plot error against run time by source and region, a line for each family of renderers, to precision.png."""
+    sources = list(dict.fromkeys(row.source for row in rows))
+    families = list(dict.fromkeys(variant.family for variant in VARIANTS if variant.family))
+    figure = new_figure(3.2 * len(_PLOTTED), 2.6 * len(sources) + 0.6)
+    panels = figure.subplots(len(sources), len(_PLOTTED), squeeze=False, sharex=True)
+    for line, source in zip(panels, sources, strict=True):
+        line[0].set_ylabel(f"{source}\nPSNR [dB]")
+        for axes, region in zip(line, _PLOTTED, strict=True):
+            found = _by_variant([row for row in rows if row.source == source and row.region == region])
+            for index, family in enumerate(families):
+                some = {variant.knob: of_one for variant, of_one in found.items() if variant.family == family}
+                if not some:
+                    continue
+                points = {knob: (_seconds(of_one), _mean_psnr(of_one)) for knob, of_one in some.items()}
+                axes.plot(
+                    *zip(*points.values(), strict=True),
+                    label=family,
+                    marker=_MARKERS[family],
+                    markersize=4,
+                    **look(index),
+                )
+                for knob in {min(points), max(points)} - {0}:
+                    axes.annotate(str(knob), points[knob], textcoords="offset points", xytext=(3, 4), fontsize=7)
+            axes.set_xscale("log")
+            middle, half = sum(axes.get_ylim()) / 2, (axes.get_ylim()[1] - axes.get_ylim()[0]) / 2
+            axes.set_ylim(middle - max(half, _LEAST_RANGE), middle + max(half, _LEAST_RANGE))
+            axes.set_title(region, fontsize=10)
+    for axes in panels[-1]:
+        axes.set_xlabel("seconds a megapixel")
+    labelled = max(panels.flat, key=lambda axes: len(axes.get_legend_handles_labels()[0]))
+    figure.legend(*labelled.get_legend_handles_labels(), loc="outside upper center", ncols=len(families))
+    save(figure, folder / "precision.png")
+    return folder / "precision.png"

@@ -1,4 +1,4 @@
-"""The renderers that are compared, with their options."""
+"""The compared renderers, with their options."""
 
 from __future__ import annotations
 
@@ -20,9 +20,8 @@ from dofbench.optics.defocus import defocus_by_radius
 class Variant:
     """A renderer with its options.
 
-    render: gives (H, W, 3), encoded like the photograph, so the effect of blurring in another gamma is the same as in a
-    dataset. family, knob: renderers of one family differ only in the number `knob`, which trades time for precision.
-    geometry: whether the renderer needs the scene's geometry; photographs without geometry aren't scored by it.
+    render: returns (H, W, 3), encoded like the photograph. family, knob: renderers of one family differ in the number
+    `knob`, which trades time for precision. geometry: whether the scene's geometry is needed.
     """
 
     name: str
@@ -32,7 +31,7 @@ class Variant:
     geometry: bool = False
 
     def can_render(self, case: Case) -> bool:
-        """Whether the photograph provides the inputs that this renderer needs."""
+        """Whether the image provides the inputs of this renderer."""
         return not self.geometry or case.geometry
 
 
@@ -41,8 +40,7 @@ def _render(truth: Truth, **changes: Any) -> np.ndarray:
 
 
 def _other_shape(truth: Truth) -> np.ndarray:
-    """Blur by an aperture of another shape and the same area: a hexagon instead of a disc, a disc instead of any other
-    shape."""
+    """Blur by another aperture of the same area: a hexagon instead of a disc, a disc instead of any other shape."""
     shape = truth.blur.shape
     other = ApertureShape(6) if shape.is_disc else ApertureShape()
     grown = truth.signed_radius * (polygon_to_disc(shape) / polygon_to_disc(other))
@@ -50,7 +48,7 @@ def _other_shape(truth: Truth) -> np.ndarray:
 
 
 def _of_8_bits(truth: Truth, **changes: Any) -> np.ndarray:
-    """Blur of the sharp image as a PNG would store it: with 256 levels, and nothing above white."""
+    """Blur the all-in-focus image as stored in a PNG: 256 levels, nothing above white."""
     return _render(replace(truth, sharp=from_8bit(to_8bit(truth.sharp))), **changes)
 
 

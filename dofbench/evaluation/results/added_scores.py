@@ -1,4 +1,4 @@
-"""Scores that were computed after a run was over, kept beside its result.json, which never changes."""
+"""Scores computed after a run, stored next to its result.json, which never changes."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ ADDED_VERSION = 1
 
 
 class AddedScore(Stored):
-    """The score of one column. value: mean of `views`, which maps test view -> value. of: the data that the score was
-    computed from, the stored "predictions" or a rendering of the stored "model". note: the metric's settings. code:
-    `provenance.code_version` of the code that computed the score. scored: time of the computation."""
+    """The score of one column. value: mean of `views`, values by test view. of: the source, stored "predictions" or a
+    rendering of the stored "model". note: the metric's. code: `provenance.code_version`. scored: time of
+    computation."""
 
     value: float
     views: dict[str, float]
@@ -29,8 +29,7 @@ class AddedScore(Stored):
 
 
 class Added(Stored):
-    """The content of added.json. key: the result's key. result_sha256: sha256 of the result.json that the scores belong
-    to. scores: by column. left_out: column -> why it couldn't be computed."""
+    """The content of added.json. key, result_sha256: of the result. scores: by column. left_out: reasons by column."""
 
     schema_version: int
     key: str
@@ -45,10 +44,7 @@ def write_added(folder: Path, added: Added) -> None:
 
 
 def read_added(folder: Path) -> Added | None:
-    """The scores added to the result in `folder`; None if there are none.
-
-    Raises InputError for a file that is damaged, or that belongs to another result.json than the one beside it.
-    """
+    """The scores added to the result in `folder`, or None. Raises InputError for a damaged file or another result's."""
     file = folder / ADDED_FILE
     if not file.is_file():
         return None

@@ -1,4 +1,4 @@
-"""Finding results, and grouping those that can be compared."""
+"""Collects results and groups those that can be compared."""
 
 from __future__ import annotations
 
@@ -20,9 +20,8 @@ from dofbench.runtime.leases import at_work, leased_folders
 
 @dataclass(frozen=True)
 class Entry:
-    """One run. result: None when the process died before it could write one. added: scores computed later by `dofbench
-    score`, None without. choices: digest of all that preset and call chose (`Result.choices`), None where it isn't
-    known."""
+    """One run. result: None if the process died before writing one. added: scores computed later by `dofbench score`.
+    choices: `Result.choices`, None if unknown."""
 
     folder: Path
     spec: Spec
@@ -35,18 +34,18 @@ class Entry:
 
     @property
     def scores(self) -> dict[str, float]:
-        """Column -> value, of scores measured by the run or added later."""
+        """Scores by column, measured by the run or added later."""
         later = {column: score.value for column, score in self.added.scores.items()} if self.added else {}
         return {**later, **self.result.scores} if self.result else {}
 
     @property
     def left_out(self) -> dict[str, str]:
-        """Column -> why the score wasn't measured."""
+        """Reasons for missing scores, by column."""
         return {**(self.added.left_out if self.added else {}), **self.result.left_out} if self.result else {}
 
     @property
     def views(self) -> dict[str, dict[str, float]]:
-        """Test view -> column -> value, measured by the run or added later."""
+        """Scores by test view and column, measured by the run or added later."""
         later = self.added.scores.items() if self.added else ()
         return {
             view.name: {
@@ -58,39 +57,37 @@ class Entry:
 
     @property
     def preset(self) -> str:
-        """The preset, followed by the options that the user changed, without which a score can't be interpreted."""
+        """The preset, followed by the options that the user changed."""
         return " ".join([self.spec.preset, *option_words(self.spec.overrides)])
 
     @property
     def lenses(self) -> dict[str, Any] | None:
-        """How the dataset assigns its lenses to views, as `dofbench.running.plan.dealt_lenses` gives it; None for an
-        old result that doesn't store it."""
+        """The dataset's assignment of lenses to views, as in the plan; None for an old result without it."""
         return self.result.plan.get("lenses") if self.result else None
 
     @property
     def points(self) -> PointsRecord | None:
-        """Where the dataset's points and poses come from; None where it or an old result doesn't say."""
+        """The source of the dataset's points and poses; None if unknown."""
         return points_of_plan(self.result.plan) if self.result else None
 
     @property
     def board(self) -> tuple[str, str, str]:
-        """(dataset, its checksum, protocol): only runs that share all three may share a table."""
+        """(dataset, its checksum, protocol): only runs that share all three are compared in a table."""
         return self.spec.dataset, self.spec.dataset_checksum, self.spec.protocol
 
     @property
     def variant(self) -> tuple[str, ...]:
-        """The settings that runs must share to count as runs of one configuration with different seeds, or on different
-        datasets, whatever a plan left out there."""
+        """The settings shared by runs of one configuration with different seeds or datasets."""
         spec = self.spec
-        # The overrides alone don't tell: --force-all changes none of them. Options say less, as plans change them too.
+        # Not the overrides alone: --force-all changes none of them. Not the options: plans change them too.
         chosen = canonical_json([spec.overrides, spec.content]), self.choices or canonical_json(spec.options)
         return spec.method, spec.preset, *chosen, spec.budget, spec.device, spec.code
 
 
 @dataclass(frozen=True)
 class Collection:
-    """The runs found below a folder. entries: sorted. unreadable: one line for each result that can't be read. running:
-    folders of runs that are in progress and have no result yet. doubles: copies of a run that is in entries already."""
+    """The runs below some folders. entries: sorted. unreadable: one line for each unreadable result. running: folders
+    of runs in progress. doubles: copies of a run in entries."""
 
     entries: tuple[Entry, ...]
     unreadable: tuple[str, ...]
@@ -99,9 +96,9 @@ class Collection:
 
 
 def collect(*folders: Path) -> Collection:
-    """All runs below the folders. Results that several machines made in separate folders are merged by key.
+    """All runs below the folders, merged by key: of several results with one key the best is kept (`_rank`).
 
-    Of several results with one key only the best counts (`_rank`). Raises InputError without any result.
+    Raises InputError without any result.
     """
     results: dict[str, tuple[Path, Result]] = {}
     unreadable: list[str] = []
@@ -116,7 +113,7 @@ def collect(*folders: Path) -> Collection:
                 unreadable.append(str(error))
                 continue
             first = results.setdefault(found[1].key, found)
-            if first is not found:  # a copy would look like a second seed with exactly the same scores
+            if first is not found:  # a copy would count as a second seed
                 better, other = (found, first) if _rank(found[1]) > _rank(first[1]) else (first, found)
                 results[better[1].key] = better
                 doubles.append(other[0])
@@ -124,7 +121,7 @@ def collect(*folders: Path) -> Collection:
     for folder, result in results.values():
         try:
             entries.append(entry_of(folder, result))
-        except InputError as error:  # the added scores can't be read, but the result itself can
+        except InputError as error:  # the added scores only
             unreadable.append(str(error))
             entries.append(_entry(folder, result, None))
     running: list[Path] = []
@@ -137,7 +134,7 @@ def collect(*folders: Path) -> Collection:
             except InputError as error:
                 unreadable.append(str(error))
                 continue
-            # If another machine has finished this run since, or died in it too, it counts only once.
+            # Another machine may have finished this run since, or died in it too.
             if dead is not None and dead.spec.key not in {entry.spec.key for entry in entries}:
                 entries.append(dead)
     if not entries and not unreadable:
@@ -149,7 +146,7 @@ def collect(*folders: Path) -> Collection:
 
 
 def _settled(entries: Sequence[Entry]) -> list[Entry]:
-    """The entries, those of runs that died with the choices of a run that differs from them in its seed alone."""
+    """The entries; a dead run gets the choices of a run that differs only in its seed."""
     known = {_but_for_seed(entry): entry.choices for entry in entries if entry.choices is not None}
     return [
         entry if entry.result is not None else replace(entry, choices=known.get(_but_for_seed(entry)))
@@ -167,7 +164,7 @@ def _rank(result: Result) -> tuple[bool, bool]:
 
 
 def entry_of(folder: Path, result: Result) -> Entry:
-    """The run that wrote this result into `folder`. Raises InputError when its added scores can't be read."""
+    """The run of this result in `folder`. Raises InputError for unreadable added scores."""
     return _entry(folder, result, read_added(folder))
 
 
@@ -176,10 +173,8 @@ def _entry(folder: Path, result: Result, added: Added | None) -> Entry:
 
 
 def dead_entry(folder: Path) -> Entry | None:
-    """The run that died in `folder` before it could write a result; None if no run has begun there.
-
-    Raises InputError for a damaged lease.
-    """
+    """The run that died in `folder` before writing a result; None without one. Raises InputError for a damaged
+    lease."""
     left = read_lease(folder)
     if left is None:
         return None
@@ -189,13 +184,13 @@ def dead_entry(folder: Path) -> Entry | None:
 
 
 def added_columns(entries: Sequence[Entry]) -> tuple[str, ...]:
-    """Columns that runs don't measure themselves and that `dofbench score` added to at least one of these."""
+    """Columns that `dofbench score` added to at least one of these runs and that runs don't measure themselves."""
     found = dict.fromkeys(column for entry in entries if entry.added for column in entry.added.scores)
     return tuple(column for column in COLUMNS if column in found and column not in SCORES)
 
 
 def grouped(entries: tuple[Entry, ...] | list[Entry], attribute: str) -> dict[tuple[str, ...], list[Entry]]:
-    """Entries by their `board` or `variant`, in their order."""
+    """Entries by `board` or `variant`, in order."""
     groups: dict[tuple[str, ...], list[Entry]] = {}
     for entry in entries:
         groups.setdefault(getattr(entry, attribute), []).append(entry)
@@ -203,7 +198,7 @@ def grouped(entries: tuple[Entry, ...] | list[Entry], attribute: str) -> dict[tu
 
 
 def board_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], str]:
-    """A name for each board's dataset: the dataset's name, with the checksum if two datasets have the same name."""
+    """The name of each board's dataset, with the checksum if two datasets have the same name."""
     boards = list(grouped(entries, "board"))
     checksums: dict[str, set[str]] = {}
     for dataset, checksum, _ in boards:
@@ -212,8 +207,8 @@ def board_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], str]:
 
 
 def variant_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], tuple[str, str]]:
-    """(method, preset) to show for each variant. If two variants would look alike, their left-out stages, budget,
-    device or code is added to the preset."""
+    """(method, preset) to show for each variant; skipped stages, budget, device or code are added where two look
+    alike."""
     members = grouped(entries, "variant")
     names = {variant: (found[0].spec.method, found[0].preset) for variant, found in members.items()}
     details_of: tuple[Callable[[Sequence[Sequence[Entry]]], list[str]], ...] = (
@@ -234,8 +229,8 @@ def variant_names(entries: tuple[Entry, ...]) -> dict[tuple[str, ...], tuple[str
 
 
 def _left_out_stages(variants: Sequence[Sequence[Entry]]) -> list[str]:
-    """What the plan of each left out on a dataset that all were run on, but for stages that the plans of all left out;
-    nothing to tell them apart by where there is no such dataset."""
+    """For each variant the stages skipped on a shared dataset, except those skipped by all; empty without such a
+    dataset."""
     shared = set.intersection(*({entry.board for entry in found} for found in variants))
     if not shared:
         return [""] * len(variants)

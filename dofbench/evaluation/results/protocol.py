@@ -1,4 +1,4 @@
-"""Protocols: named, versioned ways of scoring. Only results of one protocol may stand in one table."""
+"""Protocols: named, versioned ways of scoring. Only results of one protocol are compared in a table."""
 
 from __future__ import annotations
 
@@ -15,37 +15,29 @@ AIF_PREFIX, PHOTO_PREFIX, ACROSS_PREFIX = "aif_", "photo_", "across_"
 LENS_COLUMNS = ("delta_a", "delta_f", "delta_r")
 DEPTH_COLUMNS = ("disparity_error", "depth_rel")
 PHOTOGRAPH_COLUMNS = ("photo_psnr", "photo_ssim", "photo_blur_psnr")
-# Predictions by the learned aperture scaled to the test photograph's f-number, by the aperture unscaled, and all in
-# focus; scored over all pixels, and over the thirds in which the training photographs are most and least blurred.
+# Predictions by the learned aperture scaled to the test view's f-number, by the unscaled aperture, and all in focus;
+# over all pixels, and over the thirds in which the training views are most and least blurred.
 ACROSS_COLUMNS = (
-    "across_psnr",
-    "across_ssim",
-    "across_blurred_psnr",
-    "across_clear_psnr",
-    "unscaled_psnr",
-    "unscaled_blurred_psnr",
-    "in_focus_psnr",
-    "in_focus_blurred_psnr",
+    *("across_psnr", "across_ssim", "across_blurred_psnr", "across_clear_psnr"),
+    *("unscaled_psnr", "unscaled_blurred_psnr", "in_focus_psnr", "in_focus_blurred_psnr"),
 )
 EXIF_COLUMNS = ("exif_spread", "exif_ratio")
 EXIF_FOCUS_COLUMNS = ("exif_focus", "exif_focus_scatter")
-# Scores of predictions for comparison with those by the learned lens; a method without a lens has none of these.
+# Scores for comparison with the learned lens; a method without a lens has none of these.
 OF_LENSES = ("photo_blur_psnr", "unscaled_psnr", "unscaled_blurred_psnr")
-BY_BLUR = "photographs are predicted by one Gaussian blur in place of a lens"
+BY_BLUR = "test views are predicted by one Gaussian blur instead of a lens"
 
 
 @dataclass(frozen=True)
 class Protocol:
     """How a result is scored. Any change is a new version with a new id.
 
-    id: name and version. inputs: what the method trains on. split: what decides which views are test views. levels:
-    number of levels to which predictions are rounded before scoring, as in a PNG. refocus: metrics of predictions
-    rendered with the test view's true lens, against its shallow photograph. all_in_focus: metrics of predictions
-    rendered without a lens, against the sharp original; their columns carry `aif_`. lens: errors of the learned lens,
-    over the training views, in the units of the dataset's disparity range. depth: errors of the depth rendered at the
-    test views, if the dataset's depth is exact. photograph: scores of test views that are photographs of unknown lens:
-    lens and colours are fitted on half of each photograph and the other half is scored
-    (`dofbench.evaluation.scoring.photographs`). mean: how the values of several images are averaged.
+    inputs: training images. split: which views are test views. levels: to which predictions are rounded before scoring.
+    refocus: metrics of renderings with the test view's true lens. all_in_focus: metrics of renderings without a lens,
+    against the all-in-focus image; columns with `aif_`. lens: errors of the learned lens over the training views.
+    depth: errors of the rendered depth at the test views, if the dataset's depth is exact. photograph: scores of test
+    views that are real photographs of unknown lens (`dofbench.evaluation.scoring.photographs`). mean: over several
+    images.
     """
 
     id: str
@@ -81,7 +73,7 @@ _SHARED: dict[str, Any] = {
     "all_in_focus": ("psnr", "ssim", "flip"),
     "mean": "arithmetic mean of the per-image values",
 }
-# With SSIM as the authors of DoF-Gaussian measure it, beside their figures.
+# With SSIM as DoF-Gaussian's script measures it, for comparison with published scores.
 _WITH_THEIR_SSIM: dict[str, Any] = {
     **_SHARED,
     "refocus": (*_SHARED["refocus"], "ssim_uniform7"),
@@ -96,13 +88,12 @@ PHOTOGRAPHS = Protocol(
     **{**_SHARED, "refocus": (), "all_in_focus": ()},
 )
 
-# Sharp photographs contain no information about a lens, so protocols that train on them have no lens errors.
+# All-in-focus images contain no information about a lens, so protocols that train on them have no lens errors.
 PROTOCOLS: dict[str, Protocol] = {
     protocol.id: protocol
     for protocol in (
         Protocol(id="refocus-v1", inputs="shallow", lens=LENS_COLUMNS, **_SHARED),
         Protocol(id="sharp-inputs-v1", inputs="all-in-focus", lens=(), **_SHARED),
-        # With errors of the rendered depth.
         Protocol(id="refocus-v2", inputs="shallow", lens=LENS_COLUMNS, depth=DEPTH_COLUMNS, **_SHARED),
         Protocol(id="sharp-inputs-v2", inputs="all-in-focus", lens=(), depth=DEPTH_COLUMNS, **_SHARED),
         Protocol(id="refocus-v3", inputs="shallow", lens=LENS_COLUMNS, depth=DEPTH_COLUMNS, **_WITH_THEIR_SSIM),
@@ -114,11 +105,7 @@ PROTOCOLS: dict[str, Protocol] = {
 
 
 def arithmetic_mean(values: Sequence[float]) -> float:
-    """The mean of the values. It is NaN if a value is NaN, or if there are infinities of both signs: no value is left
-    out.
-
-    Raises ValueError without values.
-    """
+    """The mean of the values; NaN for a NaN or infinities of both signs. Raises ValueError without values."""
     if not values:
         raise ValueError("mean: expected at least one value, found none")
     try:
@@ -132,8 +119,8 @@ def arithmetic_mean(values: Sequence[float]) -> float:
 def protocol_for(inputs: Inputs, *, photographs: tuple[str, ...] = ()) -> Protocol:
     """The newest protocol for a method's inputs. Raises InputError for unknown inputs.
 
-    photographs: the columns by which test views are scored that are photographs of unknown lens, none of them with a
-    sharp image: `PHOTOGRAPH_COLUMNS`, or `ACROSS_COLUMNS` if they have another aperture than the training views.
+    photographs: columns for test views of unknown lens without an all-in-focus image: `PHOTOGRAPH_COLUMNS`, or
+    `ACROSS_COLUMNS` if their aperture differs from the training views'.
     """
     found = [
         protocol

@@ -1,4 +1,4 @@
-"""Where a result comes from: code, commit, machine, packages; and the peak memory of the process."""
+"""Provenance of a result: code, commit, machine, packages; and the peak memory of the process."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from dofbench.core.source_digest import package_digest, source_digest
 from dofbench.runtime.devices import describe
 
 _PACKAGE = Path(dofbench.__file__).resolve().parent
-# Entries of a method's card that affect scores directly; presets and stages only choose options
+# Entries of a method's card that affect scores; presets and stages only choose options
 _STEERS = ("class", "capabilities")
 
 
 def code_version(method_folder: Path, device: str) -> str:
-    """Return `<package version>+<sha256>` over the code that can change a score on this device.
+    """`<package version>+<sha256>` over the code that can change a score on this device.
 
-    This is the code of `source_digest.SCORED`, of all kernels, of the method's folder and of the method
-    that it is `like`, with the class and the capabilities in their cards. Options are part of a run's key instead.
+    That is `source_digest.SCORED`, all kernels, the method's folder and that of the method it is `like`, with class and
+    capabilities of their cards. Options are part of a run's key instead.
     """
     card = _card(method_folder)
     like = [root / card["like"] for root in method_folders() if "like" in card and (root / card["like"]).is_dir()]
@@ -59,8 +59,7 @@ def git_state() -> dict[str, str | bool] | None:
 
 
 def machine(device: str) -> dict[str, str | int | float]:
-    """Processor, cores, threads that the kernels may use, memory (GiB), operating system, Python, and the accelerator
-    if one is used."""
+    """CPU, cores, threads, memory (GiB), operating system, Python, and the accelerator if one is used."""
     pages, page_size = os.sysconf("SC_PHYS_PAGES"), os.sysconf("SC_PAGE_SIZE")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     described: dict[str, str | int | float] = {
@@ -83,7 +82,7 @@ def _threads(cores: int) -> int:
 
 
 def package_versions() -> dict[str, str]:
-    """Installed versions of dofbench and of the packages that it depends on."""
+    """Installed versions of dofbench and its dependencies."""
     versions = {"dofbench": dofbench.__version__}
     for requirement in _requirements():
         name = re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
@@ -103,9 +102,8 @@ def _requirements() -> list[str]:
 
 
 def reset_peak_memory() -> None:
-    """Reset the process's peak memory, if the system allows it (Linux), so that a second run in the same process
-    doesn't report the peak of the first."""
-    with suppress(OSError):  # not Linux, or not permitted: the peak then includes earlier runs of this process
+    """Reset the process's peak memory, if the system allows it (Linux), for a second run in the same process."""
+    with suppress(OSError):  # not Linux, or not permitted
         Path("/proc/self/clear_refs").write_text("5")
 
 

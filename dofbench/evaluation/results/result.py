@@ -1,7 +1,4 @@
-"""The schema of result.json: the settings of a run, its scores, and its provenance.
-
-Non-finite numbers are stored as NaN, Infinity and -Infinity, so that a score of NaN stays visible.
-"""
+"""The schema of result.json: a run's settings, scores and provenance. NaN and infinities are stored as such."""
 
 from __future__ import annotations
 
@@ -21,72 +18,39 @@ from dofbench.datasets.format.points_record import PointsRecord
 
 SCHEMA_VERSION = 6
 RESULT_FILE = "result.json"
-# Folders beside result.json: files that the method saved, and predicted pictures
+# Folders next to result.json: the saved model, and predicted images
 MODEL_FOLDER, PREDICTIONS_FOLDER = "model", "predictions"
 
-# Version -> function that converts the plain JSON data of a result of that version to the next version. Every increase
-# of SCHEMA_VERSION needs an entry here, so that old results stay readable.
-MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
+Data = dict[str, Any]
 
 
-def _from_1(data: dict[str, Any]) -> dict[str, Any]:
-    """Version 2 has CPU seconds and cold start as scores, CPU seconds along the curve, the model's checksums, and how
-    many kernels were compiled. Stages had CPU seconds before; scores that version 1 didn't measure are listed in
-    left_out with the reason.
-    """
+def _from_1(data: Data) -> Data:
+    """Version 2 has CPU seconds and cold start as scores, CPU seconds along the curve, checksums of the model, and the
+    number of compiled kernels."""
     training = data["stages"].get("train")
     scores = data["scores"] | ({"train_cpu_s": training["cpu"]} if training else {})
-    left_out = data["left_out"] | {"cold_start_s": "a result of schema version 1, when nobody measured it"}
+    left_out = data["left_out"] | {"cold_start_s": "not measured in schema version 1"}
     curve = [point | {"train_cpu_s": None} for point in data["curve"]]
     return data | {"scores": scores, "left_out": left_out, "curve": curve, "model": {}, "kernels_compiled": None}
 
 
-MIGRATIONS[1] = _from_1
-
-
-def _from_2(data: dict[str, Any]) -> dict[str, Any]:
-    """Version 3 adds the fits by which photographs of unknown lens are predicted, and learned apertures with their
-    f-numbers; older results have none of these."""
-    return data | {"fits": [], "apertures": []}
-
-
-MIGRATIONS[2] = _from_2
-
-
-def _from_3(data: dict[str, Any]) -> dict[str, Any]:
-    """Version 4 adds the role of the scene, what took the photographs, and the digest of all that was chosen; nobody
-    recorded them for older results."""
-    return data | {"role": None, "role_by": "", "photographer": None, "choices": None}
-
-
-MIGRATIONS[3] = _from_3
-
-
-def _from_4(data: dict[str, Any]) -> dict[str, Any]:
-    """Version 5 adds learned foci with the distances in EXIF; older results have none."""
-    return data | {"foci": []}
-
-
-MIGRATIONS[4] = _from_4
-
-
-def _from_5(data: dict[str, Any]) -> dict[str, Any]:
-    """Version 6 adds the digest of the file's own text, and where the dataset is relative to the result; older results
-    have neither."""
-    return data | {"digest": None, "data_from_here": ""}
-
-
-MIGRATIONS[5] = _from_5
+# Version -> conversion of a result's JSON data to the next version. Every increase of SCHEMA_VERSION needs an entry.
+MIGRATIONS: dict[int, Callable[[Data], Data]] = {
+    1: _from_1,
+    2: lambda data: data | {"fits": [], "apertures": []},
+    3: lambda data: data | {"role": None, "role_by": "", "photographer": None, "choices": None},
+    4: lambda data: data | {"foci": []},
+    5: lambda data: data | {"digest": None, "data_from_here": ""},
+}
 
 
 class Stored(BaseModel):
-    """Base of the records in stored files: unknown keys are refused, records are immutable, NaN and infinities are
-    allowed."""
+    """Base of stored records: immutable, no unknown keys, NaN and infinities allowed."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True, protected_namespaces=())
 
 
-# Seconds, bytes, steps, counts: what a run took is measured, so it is finite, whatever became of its scores.
+# Seconds, bytes, steps, counts are finite, whatever the scores are.
 _LARGEST = 1e15
 Amount = Annotated[float, Field(ge=0, le=_LARGEST, allow_inf_nan=False)]
 _READING = "reading"
@@ -94,7 +58,7 @@ _AMOUNTS = ("train_s", "train_cpu_s", "cold_start_s", "steps", "render_fps", "pe
 
 
 class _Recorded(BaseModel):
-    """Base of the records in `plan` and `machine` that reports read; other entries are kept as they are."""
+    """Base of the entries of `plan` and `machine` that reports read; other entries are kept."""
 
     model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False, protected_namespaces=())
 
@@ -128,12 +92,11 @@ class _Machine(_Recorded):
 
 
 class Spec(Stored):
-    """Exactly the settings that decide a result; their hash is the cache key.
+    """The settings that decide a result; their hash is the cache key.
 
-    options: those of the preset with the changes of plan and user; overrides: the user's changes. budget: in the form
-    of `--budget`. dataset: its name. dataset_checksum: sha256 over its files. code: `<version>+<sha256>` of the sources
-    (`provenance.code_version`). content: option -> sha256 of the files that it names
-    (`dofbench.training.common.content_options`); none where no option names any, and before version 6.
+    options: the preset's with the changes of plan and user; overrides: the user's. budget: as in `--budget`.
+    dataset_checksum: sha256 over its files. code: `provenance.code_version`. content: sha256 of the files that an
+    option names, by option (`dofbench.training.common.content_options`); empty before version 6.
     """
 
     method: InsideName
@@ -161,17 +124,17 @@ class Spec(Stored):
 
 
 class StageTime(Stored):
-    """Seconds that one stage took: wall, and CPU over all threads."""
+    """Seconds of one stage: wall, and CPU over all threads."""
 
     wall: Amount
     cpu: Amount
 
 
 class CurvePoint(Stored):
-    """Scores (column -> value) at one moment of training.
+    """Scores by column at one moment of training.
 
-    train_s, train_cpu_s: training seconds, wall and CPU, evaluation excluded; train_cpu_s is None in results older than
-    schema version 2. loss: mean training loss since the previous point; None if no step was taken in between.
+    train_s, train_cpu_s: training seconds, wall and CPU (None before version 2), without evaluation. loss: mean since
+    the previous point; None without steps.
     """
 
     train_s: Amount
@@ -182,7 +145,7 @@ class CurvePoint(Stored):
 
 
 class ViewScores(Stored):
-    """Scores (column -> value) of one test view."""
+    """Scores of one test view by column."""
 
     name: InsidePath
     scores: dict[str, float]
@@ -202,10 +165,10 @@ class ViewLens(Stored):
 
 
 class HalfFitted(Stored):
-    """The fit on one half of a photograph (0 or 1), by which the other half is predicted. aperture: pixels * scene unit
-    at the photograph's width; focus_disparity: 1 / scene unit; both None for a method without a lens. sigma: px, of the
-    Gaussian blur that replaces the lens or is compared with it, None without. renders: number of renderings. error:
-    mean squared error on the fitted half, encoded."""
+    """The fit on one half (0 or 1) of a view, by which the other half is predicted. aperture: pixels * scene unit at
+    the view's width; focus_disparity: 1 / scene unit; None without a lens. sigma: px, of the Gaussian blur instead of
+    the lens or besides it, or None. renders: number of renderings. error: mean squared error on the fitted half,
+    encoded."""
 
     fitted_on: int
     aperture: float | None
@@ -216,8 +179,7 @@ class HalfFitted(Stored):
 
 
 class ViewFit(Stored):
-    """The fits of one test view that is a photograph of unknown lens. seconds: wall time of the fits, which isn't
-    training time."""
+    """The fits of one test view of unknown lens. seconds: wall time of the fits, not part of training."""
 
     name: str
     seconds: Amount
@@ -225,7 +187,7 @@ class ViewFit(Stored):
 
 
 class ViewAperture(Stored):
-    """Learned aperture of one training view, pixels * scene unit, and the f-number in its EXIF."""
+    """Learned aperture of one training view, pixels * scene unit, and its f-number in EXIF."""
 
     name: str
     aperture: float
@@ -233,7 +195,7 @@ class ViewAperture(Stored):
 
 
 class ViewFocus(Stored):
-    """Learned focus of one training view, 1 / scene unit, and the distance in its EXIF, m, infinite for infinity."""
+    """Learned focus of one training view, 1 / scene unit, and its distance in EXIF, m, may be infinite."""
 
     name: InsidePath
     focus_disparity: float
@@ -241,7 +203,7 @@ class ViewFocus(Stored):
 
 
 class Event(Stored):
-    """A NaN or infinity, with the step and the stage in which it appeared."""
+    """A NaN or infinity, with its step and stage."""
 
     step: int
     view: str
@@ -250,7 +212,7 @@ class Event(Stored):
 
 
 class Git(Stored):
-    """Commit of the checkout, and whether it had uncommitted changes."""
+    """Commit of the checkout. dirty: with uncommitted changes."""
 
     commit: str
     dirty: bool
@@ -259,18 +221,14 @@ class Git(Stored):
 class Result(Stored):
     """One run.
 
-    scores: the leaderboard's columns that were measured, column -> value. left_out: the columns that were not, column
-    -> reason. left_out_stages: parts of the method that were switched off or not needed, with the reason. do_nothing:
-    errors of a predictor that always estimates A = F = 0.5. stages: the harness's stages; method_stages: the method's
-    own, wall seconds within "train". kernels_compiled: number of kernels compiled during the run, 0 if all were cached
-    on disk; None before schema version 2. predictions, model: file, relative to the result's folder -> sha256; model is
-    empty before version 2. data: the dataset's folder as the user gave it; data_from_here: the same relative to the
-    result's folder, "" before version 6. role, role_by, photographer: of the dataset
-    (`dofbench.core.evidence`); None, "" and None before version 4, role also where it isn't stated. choices: digest of
-    all that preset and call chose (`dofbench.methods.frozen_presets`), None before version 4. plan, protocol: as plain
-    data. fits, apertures: empty before version 3, foci before version 5. git is None outside a checkout.
-    digest: of result.json's own text (`dofbench.core.digests`); None before version 6, and of a result that isn't
-    written yet.
+    scores: by column. left_out: reasons for missing scores, by column. left_out_stages: reasons for skipped parts of
+    the method. do_nothing: errors of the constant prediction A = F = 0.5. stages: of the run; method_stages: of the
+    method, wall seconds within "train". kernels_compiled: during the run, None before version 2. predictions, model:
+    sha256 by file, relative to the result's folder. data: the dataset's folder as given; data_from_here: relative to
+    the result's folder, "" before version 6. role, role_by, photographer: of the dataset (`dofbench.core.evidence`);
+    None, "", None if not stated and before version 4. choices: digest of preset and options
+    (`dofbench.methods.frozen_presets`), None before version 4. git: None outside a checkout. digest: of result.json's
+    text (`dofbench.core.digests`); None before version 6 and before it is written.
     """
 
     schema_version: int
@@ -316,7 +274,7 @@ class Result(Stored):
     @field_validator("plan", "machine")
     @classmethod
     def _as_reports_read_it(cls, value: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
-        # Not while a run writes its result, which may state whatever became of it.
+        # Only when reading: a run may write any outcome.
         if info.context == _READING:
             (_Plan if info.field_name == "plan" else _Machine).model_validate(value)
         return value
@@ -331,8 +289,7 @@ class Result(Stored):
 
     @property
     def finished(self) -> bool:
-        """Whether the spec alone decided the outcome, so that another run would only repeat it. A crash, or a lack of
-        memory or time, may be due to the machine."""
+        """Whether another run would repeat the outcome. A crash, or a lack of memory or time, may be the machine's."""
         return self.status in (Status.OK, Status.DIVERGED)
 
 
@@ -342,9 +299,9 @@ def write_result(folder: Path, result: Result) -> None:
 
 
 def read_result(path: Path) -> Result:
-    """Read a result.json, or the one in a folder; an older schema is migrated.
+    """Read a result.json, or the one in a folder; older schemas are migrated.
 
-    Raises InputError when the file is missing, incomplete, not JSON, of a newer schema, or was changed later.
+    Raises InputError if the file is missing, incomplete, not JSON, of a newer schema, or was changed later.
     """
     path = Path(path)
     path = path / RESULT_FILE if path.is_dir() else path
@@ -376,11 +333,8 @@ def migrate(data: Any, path: Path) -> dict[str, Any]:
         try:
             data = MIGRATIONS[version](data)
         except (KeyError, TypeError, AttributeError) as error:
-            raise InputError(
-                path,
-                f"schema_version {version}, and in it {type(error).__name__}: {error}",
-                "what a result of that version holds",
-            ) from None
+            found = f"schema_version {version}, and in it {type(error).__name__}: {error}"
+            raise InputError(path, found, "the content of that version") from None
         version += 1
         data["schema_version"] = version
     return data

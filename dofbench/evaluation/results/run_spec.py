@@ -1,4 +1,4 @@
-"""The options of runs, declared once for a single run, a matrix of runs and ablation tables."""
+"""Options shared by a single run, a matrix of runs and ablation tables."""
 
 from __future__ import annotations
 

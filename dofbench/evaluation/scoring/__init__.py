@@ -1,2 +1,1 @@
-"""Scores of a method on a dataset: predictions against ground truth, photographs of unknown lens, learned lenses, and
-the consistency of results."""
+"""Scores of a method on a dataset: predictions, real photographs, learned lenses; and the consistency of results."""

@@ -1,18 +1,17 @@
-"""Error maps: pictures that show where a prediction is wrong."""
+"""Error maps of predictions."""
 
 from __future__ import annotations
 
 import numpy as np
 
-FULL_SCALE = 0.25  # mean absolute error over RGB, encoded, from which on the brightest colour is used
-COLOURS = "magma"  # perceptually uniform and readable without colour vision
+FULL_SCALE = 0.25  # mean absolute error over RGB, encoded, with the brightest colour
+COLOURS = "magma"
 
 
 def error_map(prediction: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Mean absolute difference over the channels, through a colour map.
+    """Mean absolute difference over the channels through a colour map, uint8 (H, W, 3); black is no error.
 
-    prediction, truth: (H, W, 3), encoded, [0, 1]. Returns uint8 (H, W, 3): black is no error, the
-    lightest colour `FULL_SCALE` or more. Raises ValueError when the shapes differ.
+    prediction, truth: (H, W, 3), encoded, [0, 1]. Raises ValueError for different shapes.
     """
     from matplotlib import colormaps
 

@@ -1,4 +1,4 @@
-"""Scoring a method on a dataset's test views: quickly during training, fully at the end."""
+"""Scores a method on a dataset's test views: quickly during training, fully at the end."""
 
 from __future__ import annotations
 
@@ -51,8 +51,7 @@ from dofbench.evaluation.scoring.resolved import (
 )
 
 CURVE_METRICS = ("psnr", "ssim")  # cheap enough to be computed a dozen times during training
-SPEED_VIEWS = 8  # test views that are rendered to measure the speed
-SPEED_REPEATS = 3  # renderings of each of these views
+SPEED_VIEWS, SPEED_REPEATS = 8, 3  # test views rendered to measure the speed, and renderings of each
 
 Item = TypeVar("Item")
 Kind = Literal["refocus", "all_in_focus", "photograph", "across"]
@@ -62,13 +61,13 @@ PREFIX: dict[Kind, str] = {
     "photograph": PHOTO_PREFIX,
     "across": ACROSS_PREFIX,
 }
-# Kinds of prediction of which every pixel is scored, by any metric. Of a photograph of unknown lens only some are.
+# Kinds of prediction of which every pixel is scored, by any metric.
 WHOLE: tuple[Kind, ...] = ("refocus", "all_in_focus")
 
 
 @dataclass(eq=False)
 class Evaluation:
-    """The outcome of the final scoring: means by column, per-view values, fits, and files by name with sha256."""
+    """The final scores: means by column, per-view values, fits, and sha256 of files by name."""
 
     scores: dict[str, float] = field(default_factory=dict)
     views: list[ViewScores] = field(default_factory=list)
@@ -84,7 +83,7 @@ class Evaluation:
 class Evaluator:
     """Scores `method`, which may still be training, on the dataset's test views.
 
-    columns: scores that the plan asks for. left_out: those that the plan leaves out, with the reason.
+    columns: planned scores. left_out: reasons for scores that aren't planned.
     """
 
     def __init__(
@@ -105,8 +104,8 @@ class Evaluator:
         self._refused: str | None = None
 
     def quick(self) -> dict[str, float]:
-        """Mean PSNR and SSIM of the kinds of prediction that are scored, and the lens errors, by column. Of photographs
-        of unknown lens only a few are scored, by a shorter search."""
+        """Mean PSNR and SSIM of the scored kinds of prediction, and lens errors, by column; of real photographs only a
+        few, by a shorter search."""
         self._ahead()
         scores: dict[str, float] = {}
         for kind in self._possible_kinds():
@@ -114,27 +113,21 @@ class Evaluator:
             rows = [self._score(self._predict(kind, view), kind, view, metrics) for view in self._test]
             scores |= _means(rows)
         if self._photographs():
-            prefix = PREFIX[self._photograph_kind()]
-            rows = [scored.scores for scored in self._scored_photographs(quick=True)]
-            scores |= {
-                column: value
-                for column, value in _means(rows).items()
-                if column in [prefix + metric for metric in CURVE_METRICS]
-            }
+            shown = [PREFIX[self._photograph_kind()] + metric for metric in CURVE_METRICS]
+            means = _means([scored.scores for scored in self._scored_photographs(quick=True)])
+            scores |= {column: value for column, value in means.items() if column in shown}
         errors, _ = self._lens_errors()
         return scores | errors
 
     def final(self, folder: Path, progress: Progress = silent) -> Evaluation:
-        """Score everything that the plan names; write predictions and error maps to `folder`/predictions.
-
-        progress: called for every picture that is scored, since a photograph of unknown lens takes seconds to minutes.
-        """
+        """Score everything planned; write predictions and error maps to `folder`/predictions. progress: called for
+        every scored image, since a real photograph takes seconds to minutes."""
         self._ahead()
         found = Evaluation()
         rows: dict[str, dict[str, float]] = {view.name: {} for view in self._test}
         kinds = self._possible_kinds()
         of_depth = any(column in self._columns for column in DEPTH_COLUMNS)
-        # Photographs are a stage of their own in the progress, because they take much longer than other pictures.
+        # Photographs are a separate stage, because they take much longer than other images.
         if self._photographs():
             self._score_photographs(folder, rows, found, _Counted(progress, "predict photographs", len(self._test)))
         pictures = _Counted(progress, "score", (len(kinds) + of_depth + self._resolvable()) * len(self._test))
@@ -166,7 +159,7 @@ class Evaluator:
         return found
 
     def _ahead(self) -> None:
-        """Tell a method that makes its pictures together which ones will be looked at."""
+        """Announce all views to a method that renders them together."""
         if not isinstance(self._method, RendersAhead):
             return
         sharp = [*self._test, *(self._train if self._resolvable() else ())]
@@ -176,11 +169,11 @@ class Evaluator:
         self._method.render_ahead(views)
 
     def _resolvable(self) -> bool:
-        """Whether it can be told what the photographs resolve."""
+        """Whether resolved surfaces can be computed."""
         return bool(self._test) and RESOLVED_COLUMN not in self._left_out and self._method.lens_estimates() is not None
 
     def _resolved(self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation, pictures: _Counted) -> None:
-        """Score and map of the share of each test view that the training photographs resolve."""
+        """Score and map the share of each test view that the training views resolve."""
         lenses = self._method.lens_estimates()
         if lenses is None or not self._resolvable():
             reason = "no test views" if not self._test else "the method has no learned lenses"
@@ -215,18 +208,16 @@ class Evaluator:
             found.left_out |= reasons
 
     def do_nothing(self) -> dict[str, float]:
-        """Lens errors of a predictor that always estimates A = F = 0.5, by column; empty if the protocol has no lens
-        errors, or the true lenses aren't known."""
+        """Lens errors of the constant prediction A = F = 0.5, by column; empty without lens errors or true lenses."""
         if not self._protocol.lens or missing_truth(self._dataset).lens:
             return {}
         errors = do_nothing_errors(self._true_lenses(), self._disparity_range(), self._widths(), self._depths())
-        return {"delta_a": errors.delta_a, "delta_f": errors.delta_f, "delta_r": errors.delta_r}
+        return {column: getattr(errors, column) for column in LENS_COLUMNS}
 
     def frames_per_second(self) -> float | None:
-        """1 / median time of rendering a test view without a lens, at the test view's size.
+        """1 / median time of rendering a test view without a lens; None without test views.
 
-        Each of the first `SPEED_VIEWS` test views is rendered `SPEED_REPEATS` times, after one
-        rendering that isn't counted. None without test views.
+        The first `SPEED_VIEWS` test views are rendered `SPEED_REPEATS` times, after one warm-up rendering.
         """
         cameras = [view.camera for view in self._test[:SPEED_VIEWS]]
         if not cameras:
@@ -240,9 +231,7 @@ class Evaluator:
         return 1.0 / max(statistics.median(seconds), time.get_clock_info("perf_counter").resolution)
 
     def _possible_kinds(self) -> list[Kind]:
-        """The kinds of prediction to be scored. A method without a lens, by its options or because training left it
-        out, raises ValueError in `Method.render`; refocus scores are then left out, with the error's text as the
-        reason."""
+        """The kinds of prediction to score; without refocusing if `Method.render` raises ValueError for a lens."""
         kinds: list[Kind] = [kind for kind in WHOLE if self._metrics(kind) and self._test]
         if "refocus" in kinds and self._refused is None:
             try:
@@ -264,7 +253,7 @@ class Evaluator:
     def _score_photographs(
         self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation, pictures: _Counted
     ) -> None:
-        """Predict and score the test views that are photographs of unknown lens."""
+        """Predict and score the test views that are real photographs of unknown lens."""
         kind, refused = self._photograph_kind(), ""
         for scored in pictures.each(self._scored_photographs(quick=False)):
             view, prediction = scored.view, scored.prediction
@@ -304,7 +293,7 @@ class Evaluator:
         return self._method.render(view.camera, view.physical_lens if kind == "refocus" else None)
 
     def _predict(self, kind: Kind, view: BenchmarkView) -> np.ndarray:
-        """Rendering rounded to 8 bits, (H, W, 3) float32; not rounded if a value isn't finite."""
+        """The rendering, (H, W, 3) float32, rounded to 8 bits if all values are finite."""
         image = np.asarray(self._rendered(kind, view).image)
         expected = (view.camera.height, view.camera.width, 3)
         if image.shape != expected:
@@ -339,7 +328,7 @@ class Evaluator:
             found.predictions[relative] = sha256_file(folder / relative)
 
     def _lens_errors(self) -> tuple[dict[str, float], list[ViewLens]]:
-        """(means by column, per view)."""
+        """Means by column, and errors per view."""
         if not any(column in self._columns for column in LENS_COLUMNS):
             return {}, []
         estimated = self._method.lens_estimates()
@@ -350,20 +339,10 @@ class Evaluator:
         views = []
         for name, lens in true.items():
             guess = Lens.from_physical(estimated[name], disparity_range)
-            delta_a, delta_f, delta_r = errors.per_view[name]
-            views.append(
-                ViewLens(
-                    name=name,
-                    aperture=lens.aperture,
-                    focus=lens.focus,
-                    aperture_estimated=guess.aperture,
-                    focus_estimated=guess.focus,
-                    delta_a=delta_a,
-                    delta_f=delta_f,
-                    delta_r=delta_r,
-                )
-            )
-        return {"delta_a": errors.delta_a, "delta_f": errors.delta_f, "delta_r": errors.delta_r}, views
+            true_one = {"aperture": lens.aperture, "focus": lens.focus}
+            found = {"aperture_estimated": guess.aperture, "focus_estimated": guess.focus}
+            views.append(ViewLens(name=name, **true_one, **found, **errors.per_view[name]._asdict()))
+        return {column: getattr(errors, column) for column in LENS_COLUMNS}, views
 
     def _true_lenses(self) -> dict[str, Lens]:
         lenses = {}
@@ -373,7 +352,7 @@ class Evaluator:
         return lenses
 
     def _disparity_range(self) -> DisparityRange:
-        """What true lenses and errors of depth refer to: a dataset with either has it."""
+        """The unit of true lenses and depth errors; datasets with either have it."""
         found = self._dataset.disparity_range
         assert found is not None
         return found
@@ -386,7 +365,7 @@ class Evaluator:
 
 
 class _Counted:
-    """Reports how many of `total` pictures are done, over several loops."""
+    """Progress over `total` images in several loops."""
 
     def __init__(self, progress: Progress, stage: str, total: int):
         self._progress, self._stage, self._total, self._done = progress, stage, total, 0
@@ -394,7 +373,7 @@ class _Counted:
             progress(stage, 0, total)
 
     def each(self, items: Iterable[Item]) -> Iterator[Item]:
-        """The items; each is counted when the loop asks for the next one."""
+        """The items, counted."""
         for item in items:
             yield item
             self._done += 1
@@ -414,6 +393,6 @@ def depth_scores(depth: np.ndarray, truth: np.ndarray, disparity_range: Disparit
 
 
 def _means(rows: list[dict[str, float]]) -> dict[str, float]:
-    """Mean of each column over the views; NaN if a view's value is NaN, since a view that failed isn't left out."""
+    """Mean of each column over the views; NaN if a view's value is NaN."""
     columns = list(rows[0]) if rows else []
     return {column: arithmetic_mean([row[column] for row in rows]) for column in columns}

@@ -1,4 +1,4 @@
-"""Comparison of learned apertures and foci with EXIF, and whether a dataset allows it."""
+"""Learned apertures and foci compared with EXIF, and whether a dataset allows it."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ from collections.abc import Iterable, Mapping
 
 from dofbench.core.lens import PhysicalLens
 from dofbench.datasets.format.benchmark_dataset import BenchmarkDataset
-from dofbench.evaluation.metrics.exif_errors import exif_errors
-from dofbench.evaluation.metrics.exif_focus_errors import exif_focus_errors, too_few_distances
+from dofbench.evaluation.metrics.exif_errors import exif_errors, exif_focus_errors, too_few_distances
 from dofbench.evaluation.results.protocol import EXIF_COLUMNS, EXIF_FOCUS_COLUMNS
 from dofbench.evaluation.results.result import ViewAperture, ViewFocus
 
 
 def asked_by_exif(dataset: BenchmarkDataset, inputs: str) -> bool:
-    """Whether lenses are to be compared with EXIF: the method trains on photographs of unknown lens."""
+    """Whether lenses are compared with EXIF: the method trains on real photographs of unknown lens."""
     train = dataset.training_views()
     return inputs == "shallow" and bool(train) and all(view.lens is None for view in train)
 
@@ -26,20 +25,19 @@ def missing_exif(dataset: BenchmarkDataset) -> str:
         if view.split == "train" and view.exif is not None and view.exif.f_number is not None
     ]
     if not known:
-        return "no training photograph has an f-number in its EXIF"
+        return "no training view has an f-number in its EXIF"
     for name, values in (
         ("focal length", {exif.focal_length for exif in known}),
         ("camera", {exif.camera for exif in known}),
         ("lens", {exif.lens for exif in known}),
     ):
         if len(values - {None}) > 1:
-            return f"more than one {name} took the training photographs"
+            return f"the training views have more than one {name}"
     return ""
 
 
 def learned_apertures(dataset: BenchmarkDataset, estimated: Mapping[str, PhysicalLens]) -> list[ViewAperture]:
-    """The learned apertures of the training views with a known f-number, all transferred to the camera of the first of
-    these views."""
+    """The learned apertures of the training views with a known f-number, transferred to the first one's camera."""
     known = [
         (view, view.exif.f_number)
         for view in dataset.views
@@ -70,9 +68,7 @@ def learned_foci(dataset: BenchmarkDataset, estimated: Mapping[str, PhysicalLens
     """The learned foci of the training views whose EXIF has a focus distance."""
     return [
         ViewFocus(
-            name=view.name,
-            focus_disparity=estimated[view.name].focus_disparity,
-            distance=view.exif.focus_distance,
+            name=view.name, focus_disparity=estimated[view.name].focus_disparity, distance=view.exif.focus_distance
         )
         for view in dataset.training_views()
         if view.name in estimated and view.exif is not None and view.exif.focus_distance is not None
@@ -80,13 +76,13 @@ def learned_foci(dataset: BenchmarkDataset, estimated: Mapping[str, PhysicalLens
 
 
 def exif_focus_scores(foci: Iterable[ViewFocus]) -> tuple[dict[str, float], dict[str, str]]:
-    """(scores, reasons for missing scores), by column of `EXIF_FOCUS_COLUMNS`."""
+    """Scores and reasons for missing scores, by column of `EXIF_FOCUS_COLUMNS`."""
     found = exif_focus_errors([(view.focus_disparity, view.distance) for view in foci])
     return _by_column(EXIF_FOCUS_COLUMNS, (found.rank, found.scatter), (found.reason, found.no_scatter))
 
 
 def exif_scores(apertures: Iterable[ViewAperture]) -> tuple[dict[str, float], dict[str, str]]:
-    """(scores, reasons for missing scores), by column of `EXIF_COLUMNS`."""
+    """Scores and reasons for missing scores, by column of `EXIF_COLUMNS`."""
     found = exif_errors([(view.aperture, view.f_number) for view in apertures])
     return _by_column(EXIF_COLUMNS, (found.spread, found.ratio), (found.no_spread, found.no_ratio))
 

@@ -1,5 +1,5 @@
-"""Which ground truth a dataset has. A score is a mean over all test views, or all training views, so it needs the
-ground truth of every view: a mean over some of the views couldn't be compared with other results."""
+"""The ground truth of a dataset. A score is a mean over all test (or training) views, so it needs that of every
+view."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from dofbench.scenes.readers.exif_files import same_f_number
 from dofbench.scenes.readers.folders import listed
 
 NO_TEST_VIEWS = "the dataset has no test views"
-NO_EXACT_DEPTH = "the dataset's own depth is an estimate, no truth to compare with"
+NO_EXACT_DEPTH = "the dataset's depth is an estimate"
 
 
 @dataclass(frozen=True)
 class MissingTruth:
-    """Why a kind of score isn't possible, one line each; empty if it is possible.
+    """Why a kind of score isn't possible, one line each; "" if it is.
 
-    refocus: predictions through the test views' lenses. all_in_focus: comparison with the test views' sharp
-    photographs. lens: errors of the training views' learned lenses. depth: errors of the depth rendered at test views.
+    refocus: renderings with the test views' lenses. all_in_focus: comparison with the test views' all-in-focus images.
+    lens: errors of the training views' learned lenses. depth: errors of the test views' rendered depth.
     """
 
     refocus: str
@@ -30,7 +30,7 @@ class MissingTruth:
 
 
 def missing_truth(dataset: BenchmarkDataset) -> MissingTruth:
-    """Find out which ground truth the dataset's views have."""
+    """The missing ground truth of a dataset."""
     train = dataset.training_views()
     test = dataset.test_views()
     lens = _lacking("true lens", train, [view for view in train if view.lens is None], "training")
@@ -46,24 +46,21 @@ def missing_truth(dataset: BenchmarkDataset) -> MissingTruth:
 
 
 def of_photographs(dataset: BenchmarkDataset) -> bool:
-    """Whether all test views are photographs of unknown lens without a sharp image, so that only the photographs
-    themselves can be scored against. False without test views."""
+    """Whether all test views are real photographs of unknown lens without an all-in-focus image; False without any."""
     test = dataset.test_views()
     return bool(test) and not any(view.lens is not None or view.has_all_in_focus for view in test)
 
 
 def photograph_columns(dataset: BenchmarkDataset) -> tuple[str, ...]:
-    """The columns by which test views of unknown lens are scored; none if test views have a lens or a sharp
-    photograph."""
+    """The columns for test views of unknown lens; none if they have a lens or an all-in-focus image."""
     if not of_photographs(dataset):
         return ()
     return ACROSS_COLUMNS if training_f_number(dataset) is not None else PHOTOGRAPH_COLUMNS
 
 
 def training_f_number(dataset: BenchmarkDataset) -> float | None:
-    """The f-number of the training views, if by EXIF they all have the same one and every test view has a different
-    one; else None. None too if focal lengths are known to differ, since apertures are then not in the ratio of the
-    f-numbers."""
+    """The f-number of all training views, if every test view has another one; else None, also for different focal
+    lengths, whose apertures aren't in the ratio of the f-numbers."""
     numbers: dict[str, list[float]] = {"train": [], "test": []}
     lengths = set()
     for view in dataset.views:

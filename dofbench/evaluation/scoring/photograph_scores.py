@@ -1,4 +1,4 @@
-"""The scores of held-out photographs of unknown lens, by column, and the fits behind them."""
+"""Scores and fits of held-out real photographs of unknown lens."""
 
 from __future__ import annotations
 
@@ -21,15 +21,14 @@ from dofbench.evaluation.scoring.photographs.predict import Prediction, predict
 from dofbench.evaluation.scoring.photographs.search import QUICK, THOROUGH
 from dofbench.evaluation.scoring.photographs.strata import sharpness_ratio, thirds
 
-CURVE_VIEWS = 4  # test views, evenly spaced, that are predicted during training: few, because a search takes seconds
+CURVE_VIEWS = 4  # evenly spaced test views that are predicted during training; a search takes seconds
 BLURRED, CLEAR = 0, 2  # indices of the thirds of a view (`strata.thirds`)
-NO_STRATA = "too few sparse points lie in photographs of both apertures to tell where these are blurred"
+NO_STRATA = "too few sparse points in views of both apertures to measure their blur"
 
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """One scored test view. prediction: its picture, or why there is none. scores: by column, without columns that
-    can't be computed."""
+    """One scored test view. scores: by column, as far as they can be computed."""
 
     view: BenchmarkView
     photograph: np.ndarray
@@ -38,7 +37,7 @@ class Scored:
 
     @property
     def fit(self) -> ViewFit:
-        """The fit in the form that the result stores."""
+        """The fit as stored in the result."""
         return ViewFit(
             name=self.view.name,
             seconds=self.prediction.seconds,
@@ -57,15 +56,10 @@ class Scored:
 
 
 def scored_photographs(
-    method: Method,
-    dataset: BenchmarkDataset,
-    columns: Sequence[str],
-    *,
-    no_lens: str,
-    quick: bool,
+    method: Method, dataset: BenchmarkDataset, columns: Sequence[str], *, no_lens: str, quick: bool
 ) -> Iterator[Scored]:
-    """The test views, predicted and scored. columns: those of the protocol. no_lens: why the method has no lens, if
-    that is known. quick: only a few views, with a shorter search."""
+    """The test views, predicted and scored. columns: of the protocol. no_lens: why the method has no lens, if known.
+    quick: a few views with a shorter search."""
     test = dataset.test_views()
     views = test[:: max(1, math.ceil(len(test) / CURVE_VIEWS))] if quick else test
     if tuple(columns) == ACROSS_COLUMNS:
@@ -80,7 +74,7 @@ def scored_photographs(
 
 
 def true_photograph(dataset: BenchmarkDataset, view: BenchmarkView) -> tuple[np.ndarray, np.ndarray | None]:
-    """(photograph with its masked pixels replaced by the nearest valid ones, mask or None)."""
+    """The photograph, masked pixels replaced by the nearest valid ones, and the mask or None."""
     photograph, mask = dataset.image(view), dataset.mask(view)
     return (photograph if mask is None else filled(photograph, mask)), mask
 
@@ -88,7 +82,7 @@ def true_photograph(dataset: BenchmarkDataset, view: BenchmarkView) -> tuple[np.
 def picture_scores(
     picture: np.ndarray, photograph: np.ndarray, prefix: str = PHOTO_PREFIX, mask: np.ndarray | None = None
 ) -> dict[str, float]:
-    """PSNR and SSIM of an assembled picture, (H, W, 3), encoded, at 8-bit levels; mask: (H, W), or None."""
+    """PSNR and SSIM of an assembled image, (H, W, 3), encoded, at 8-bit levels. mask: (H, W), or None."""
     height, width = photograph.shape[:2]
     tiles = Tiles.of(height, width, mask)
     return {
@@ -98,8 +92,7 @@ def picture_scores(
 
 
 def prediction_scores(found: Prediction, photograph: np.ndarray) -> dict[str, float]:
-    """`PHOTOGRAPH_COLUMNS` of one view, the last column only if the method has a lens; NaN if a rendering wasn't
-    finite."""
+    """`PHOTOGRAPH_COLUMNS` of one view, the last one only with a lens; NaN for a non-finite rendering."""
     if found.picture is None:
         columns = ("photo_psnr", "photo_ssim", *(() if found.refused else ("photo_blur_psnr",)))
         return dict.fromkeys(columns, math.nan)
@@ -110,11 +103,7 @@ def prediction_scores(found: Prediction, photograph: np.ndarray) -> dict[str, fl
 
 
 def _across(
-    method: Method,
-    dataset: BenchmarkDataset,
-    views: Sequence[BenchmarkView],
-    no_lens: str,
-    quick: bool,
+    method: Method, dataset: BenchmarkDataset, views: Sequence[BenchmarkView], no_lens: str, quick: bool
 ) -> Iterator[Scored]:
     learned, trained = method.lens_estimates(), training_f_number(dataset)
     strata, cameras = {} if quick else blurred_thirds(dataset), _training_cameras(dataset)
@@ -146,11 +135,8 @@ def _across(
             for name, pixels in masks.items()
             if prefix + name in ACROSS_COLUMNS
         }
-        scores["across_ssim"] = (
-            math.nan
-            if found.scaled.picture is None
-            else tiled_ssim(found.scaled.picture, photograph, found.scaled.tiles)
-        )
+        scaled = found.scaled.picture
+        scores["across_ssim"] = math.nan if scaled is None else tiled_ssim(scaled, photograph, found.scaled.tiles)
         yield Scored(view, photograph, found.scaled, scores)
 
 
@@ -159,8 +145,7 @@ def _training_cameras(dataset: BenchmarkDataset) -> dict[str, Camera]:
 
 
 def blurred_thirds(dataset: BenchmarkDataset) -> dict[str, np.ndarray]:
-    """Test view -> map of its thirds by the blur of the training photographs (`strata.thirds`); empty unless every test
-    view has such a map."""
+    """The map of thirds (`strata.thirds`) of every test view, by name; empty unless all have one."""
     if dataset.points is None:
         return {}
     shots = {

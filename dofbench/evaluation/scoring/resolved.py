@@ -1,8 +1,8 @@
-"""How much of a picture the training photographs resolve: which details of a rendering were seen, and which invented.
+"""Which surfaces the training views resolve.
 
-A surface that every photograph shows through a large circle of confusion can be explained by many sharp scenes; an
-all-in-focus rendering shows just one of them. So for every pixel of a view the smallest circle of confusion is computed
-with which any training photograph saw its surface, by the method's own depth and learned lenses.
+A surface with a large CoC radius in every training view can be explained by many sharp scenes; an all-in-focus
+rendering shows just one of them. So for every pixel the smallest CoC radius of its surface in any training view is
+computed, by the method's own depth and learned lenses.
 """
 
 from __future__ import annotations
@@ -17,26 +17,23 @@ from dofbench.core.contracts import Method
 from dofbench.core.lens import PhysicalLens
 
 RESOLVED_COLUMN = "resolved"
-# Px, radius: a circle of confusion up to this size hides no detail that the photograph's pixels could show
-RESOLVED = 1.0
+RESOLVED = 1.0  # px, CoC radius up to which no detail is lost
 SAME_SURFACE = 0.03  # relative difference of z up to which two views see one surface
-FULL_SCALE = 10.0  # px, radius of the circle of confusion from which on the darkest colour is used
+FULL_SCALE = 10.0  # px, CoC radius with the darkest colour
 COLOURS = "viridis"
 
 
 class ResolvedCircles:
-    """The training photographs' circles of confusion, for the surfaces seen by any camera.
-
-    photographs: each one's camera and learned lens.
-    """
+    """CoC radii in the training views of the surfaces seen by a camera. photographs: camera and learned lens of
+    each."""
 
     def __init__(self, method: Method, photographs: Sequence[tuple[Camera, PhysicalLens]]):
         self._method = method
         self._seen = [(camera, lens, np.asarray(method.render(camera, None).depth)) for camera, lens in photographs]
 
     def smallest(self, camera: Camera) -> np.ndarray:
-        """(H, W), in px of the photographs: radius of the smallest circle of confusion with which a photograph saw the
-        pixel's surface; infinite if none saw it, NaN where the method renders no surface."""
+        """(H, W), px of the training views: the smallest CoC radius of the pixel's surface in any of them; infinite if
+        none sees it, NaN without a surface."""
         depth = np.asarray(self._method.render(camera, None).depth, np.float64)
         there = np.isfinite(depth) & (depth > 0)
         z = np.where(there, depth, 1.0)
@@ -56,15 +53,13 @@ class ResolvedCircles:
 
 
 def resolved_share(circles: np.ndarray) -> float:
-    """Per cent of the pixels with a surface that some photograph saw through a circle of at most `RESOLVED`; NaN
-    without any surface. circles: as `ResolvedCircles.smallest` gives them."""
+    """Per cent of the pixels with a surface whose radius is at most `RESOLVED`; NaN without any surface."""
     there = ~np.isnan(circles)
     return 100 * float((circles[there] <= RESOLVED).mean()) if there.any() else math.nan
 
 
 def resolved_map(circles: np.ndarray) -> np.ndarray:
-    """uint8 (H, W, 3): light where the photographs resolve the surface, dark where they don't, black without a
-    surface."""
+    """uint8 (H, W, 3): light where the surface is resolved, dark where it isn't, black without a surface."""
     from matplotlib import colormaps
 
     shade = 1 - np.clip(np.nan_to_num(circles, nan=FULL_SCALE, posinf=FULL_SCALE) / FULL_SCALE, 0, 1)

@@ -1,4 +1,4 @@
-"""Checks whether a result is consistent in itself, as far as possible without its pictures and its dataset."""
+"""Checks a result's consistency, as far as possible without its images and its dataset."""
 
 from __future__ import annotations
 
@@ -27,19 +27,12 @@ _PLANNED = ("method", "preset", "dataset", "protocol", "budget", "seed", "device
 
 def inconsistencies(result: Result) -> list[str]:
     """All inconsistencies of the result, one line each."""
-    return [
-        *_identity(result),
-        *_columns(result),
-        *_means(result),
-        *_lenses(result),
-        *_by_exif(result),
-        *_ending(result),
-        *_times(result),
-    ]
+    checks = _identity, _columns, _means, _lenses, _by_exif, _ending, _times
+    return [line for check in checks for line in check(result)]
 
 
 def added_inconsistencies(added: Added, result: Result) -> Iterator[str]:
-    """Inconsistencies of the scores that were added to the result, one line each."""
+    """Inconsistencies of the scores added to the result, one line each."""
     if added.key != result.key:
         yield f"added scores of the key {added.key[:8]}…, the result's is {result.key[:8]}…"
     views = {view.name for view in result.views}
@@ -72,8 +65,7 @@ def _identity(result: Result) -> Iterator[str]:
         yield f"unknown protocol {result.spec.protocol!r}, expected one of {', '.join(PROTOCOLS)}"
     else:
         said = known.as_data()
-        # JSON turned tuples into lists. Parts that the protocol has gained since are missing in the result and aren't
-        # compared.
+        # JSON turned tuples into lists. Parts added to the protocol since aren't compared.
         changed = [
             name
             for name, value in result.protocol.items()
@@ -89,7 +81,7 @@ def _identity(result: Result) -> Iterator[str]:
 
 
 def _columns(result: Result) -> Iterator[str]:
-    """Every planned score must have a value or a reason why it is left out, and never both."""
+    """Every planned score must have either a value or a reason why it is missing."""
     for column in result.scores:
         if column in result.left_out:
             yield f"{column}: a score, and a reason why there is none"
@@ -109,13 +101,11 @@ def _means(result: Result) -> Iterator[str]:
         if any(column not in view.scores for view in result.views):
             yield f"{column}: not of every view"
             continue
-        yield from differing(
-            column, result.scores.get(column), arithmetic_mean([view.scores[column] for view in result.views])
-        )
+        mean = arithmetic_mean([view.scores[column] for view in result.views])
+        yield from differing(column, result.scores.get(column), mean)
     for column in ("delta_a", "delta_f") if result.lens else ():
-        yield from differing(
-            column, result.scores.get(column), arithmetic_mean([getattr(view, column) for view in result.lens])
-        )
+        mean = arithmetic_mean([getattr(view, column) for view in result.lens])
+        yield from differing(column, result.scores.get(column), mean)
     of_lenses = (*LENS_COLUMNS, *EXIF_COLUMNS, *EXIF_FOCUS_COLUMNS)
     images = [column for column in result.plan.get("columns", []) if column not in of_lenses]
     for column in images:
@@ -132,13 +122,13 @@ def _lenses(result: Result) -> Iterator[str]:
             error = abs(true - found)
             if not math.isclose(getattr(view, column), error, rel_tol=MEAN_AGREEMENT, abs_tol=MEAN_AGREEMENT):
                 yield f"view {view.name}: {column} is {getattr(view, column):.6g}, its lenses differ by {error:.6g}"
-    dealt = result.plan.get("lenses")
-    if dealt is None:  # an older result that doesn't store the lenses
+    assigned = result.plan.get("lenses")
+    if assigned is None:  # an older result
         return
     for view in result.lens:
-        if dealt["train"].get(view.name) != [view.aperture, view.focus]:
+        if assigned["train"].get(view.name) != [view.aperture, view.focus]:
             yield f"view {view.name}: another true lens than the plan's"
-    if result.views and sorted(view.name for view in result.views) != sorted(dealt["test"]):
+    if result.views and sorted(view.name for view in result.views) != sorted(assigned["test"]):
         yield "scores of other views than the plan's test views"
 
 
@@ -165,11 +155,8 @@ def _ending(result: Result) -> Iterator[str]:
         yield f"ended {result.status} without a message"
     if lost and not result.nonfinite:
         yield f"{lost[0]}, and no event says so"
-    if (
-        result.views
-        and any(column in result.scores and math.isfinite(result.scores[column]) for column in DEPTH_COLUMNS)
-        and not result.nonfinite
-    ):
+    scored_depth = any(math.isfinite(result.scores.get(column, math.nan)) for column in DEPTH_COLUMNS)
+    if result.views and scored_depth and not result.nonfinite:
         yield f"ended {result.status}, with scores all the same"
 
 

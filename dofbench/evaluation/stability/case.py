@@ -1,13 +1,13 @@
-"""Definition of a case: the property that must hold, its settings and its error bound; and the outcome of measuring
-it."""
+"""Definition of a case: the property that must hold, its settings and error bound; and what measuring it gives."""
 
 from __future__ import annotations
 
 import math
-import tempfile
-from collections.abc import Callable
+import tomllib
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from functools import cache, wraps
+from functools import cache, partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +21,9 @@ from dofbench.runtime.ops import backend_of, backends, load, ops
 
 @dataclass(frozen=True)
 class Setting:
-    """Backend, precision and device in which a case is run.
+    """Backend, precision and device of a measurement.
 
-    backend: a kernel's, or "numpy" for code without a kernel. precision: "float32" or "float64", that of the whole
-    computation. device: as torch names it.
+    backend: a kernel's, or "numpy" for code without a kernel. precision: "float32" or "float64". device: as in torch.
     """
 
     backend: str
@@ -43,7 +42,7 @@ class Setting:
 
     @property
     def dtype(self) -> torch.dtype:
-        """The precision as torch's type."""
+        """The precision as a torch type."""
         return torch.float64 if self.precision == "float64" else torch.float32
 
     def tensor(self, values: np.ndarray | float, *, gradient: bool = False) -> Tensor:
@@ -58,8 +57,7 @@ class Setting:
 
 @cache
 def kernel_settings(op: str) -> tuple[Setting, ...]:
-    """All settings of a kernel's op on this machine: every backend, in each of its precisions, on each of its
-    devices."""
+    """All settings of an op on this machine: every backend in each of its precisions on each of its devices."""
     return tuple(
         Setting(name, precision, device)
         for device in kinds_here()
@@ -69,22 +67,19 @@ def kernel_settings(op: str) -> tuple[Setting, ...]:
     )
 
 
-# The settings of all ops; a case leaves out settings that its own op doesn't have.
+# The settings of all ops. A case skips settings that its own op lacks.
 KERNELS = tuple(dict.fromkeys(setting for op in ops() for setting in kernel_settings(op)))
-# The settings in float32 alone, for cases that are compared with the float64 reference.
 SINGLE = tuple(setting for setting in KERNELS if setting.precision == "float32")
 SINGLE_ON_CPU = tuple(setting for setting in SINGLE if setting.device == "cpu")
 COMPILED = (Setting("cpu", "float32"),)
 NUMPY = (Setting("numpy", "float32"),)
 NUMPY64 = (Setting("numpy", "float64"),)
-# What float32 is compared with.
-DOUBLE = Setting("reference", "float64")
+DOUBLE = Setting("reference", "float64")  # what float32 is compared with
 
 
 @dataclass(frozen=True)
 class Found:
-    """What a case measured. error must be at most bound; an error of NaN or infinity never is. note: one line, or
-    empty."""
+    """The measured error and its bound. note: one line, or empty."""
 
     error: float
     bound: float
@@ -92,7 +87,7 @@ class Found:
 
     @property
     def met(self) -> bool:
-        """Whether the bound is met."""
+        """Whether the error is finite and at most the bound."""
         return math.isfinite(self.error) and self.error <= self.bound
 
 
@@ -100,9 +95,9 @@ class Found:
 class Case:
     """A stiff or extreme case.
 
-    name: unique within its group. subject: the kernel's op, the method's id, or other code under test. holds: the
-    property that must hold. bound: the largest error, and where this bound comes from. settings: those in which the
-    case is run; settings that this machine lacks are left out. measure: runs the case.
+    name: unique within its group. subject: the op, the method's id, or other code under test. holds: the property that
+    must hold. bound: the largest error, and its derivation. settings: those of them that this machine lacks are
+    skipped. measure: runs the case.
     """
 
     group: str
@@ -125,71 +120,47 @@ class Case:
         object.__setattr__(self, "settings", tuple(setting for setting in self.settings if setting not in missing))
 
 
-def values(tensor: Tensor | np.ndarray) -> np.ndarray:
-    """Any tensor or array as float64 on the host."""
-    array = tensor.detach().cpu().numpy() if isinstance(tensor, Tensor) else np.asarray(tensor)
-    return array.astype(np.float64)
+@cache
+def _texts() -> dict[str, dict[str, Any]]:
+    return tomllib.loads(Path(__file__).with_name("cases.toml").read_text(encoding="utf-8"))
 
 
-def gradient_at(leaf: Tensor) -> np.ndarray:
-    """The gradient that a backward pass left at a tensor, as float64 on the host."""
-    assert leaf.grad is not None
-    return values(leaf.grad)
+@dataclass(frozen=True)
+class Subject:
+    """Makes the cases of one group that test one subject in the same settings.
+
+    Property and bound of a case are looked up in cases.toml by group and name. prefix: precedes every name.
+    """
+
+    group: str
+    subject: str
+    settings: tuple[Setting, ...]
+    prefix: str = ""
+
+    def case(self, name: str, measure: Callable[..., Found], /, **options: Any) -> Case:
+        """One case. Its measure is called with the setting and these options."""
+        return self._made(name, {}, measure, options)
+
+    def each(self, name: str, measure: Callable[..., Found], /, **options: Collection[Any]) -> tuple[Case, ...]:
+        """A case for every combination of the options' values; the last option varies fastest.
+
+        options: the values of each, or values by label. name and texts are formatted with the case's own values and
+        labels: "{gamma:g}" is the option gamma, "{gamma_label}" the label of its value.
+        """
+        made = []
+        for chosen in product(*(_labelled(values) for values in options.values())):
+            one = {option: value for option, (_, value) in zip(options, chosen, strict=True)}
+            labels = {f"{option}_label": label for option, (label, _) in zip(options, chosen, strict=True)}
+            made.append(self._made(name, {**one, **labels}, measure, one))
+        return tuple(made)
+
+    def _made(self, name: str, given: dict[str, Any], measure: Callable[..., Found], options: dict[str, Any]) -> Case:
+        holds, bound = _texts()[self.group][name]
+        bound = _texts()["bounds"].get(bound, bound)
+        called, holds, bound = (text.format(**given) for text in (name, holds, bound))
+        run = partial(measure, **options) if options else measure
+        return Case(self.group, self.prefix + called, self.subject, holds, bound, self.settings, run)
 
 
-def off(found: Tensor | np.ndarray, expected: Tensor | np.ndarray, scale: float | None = None) -> float:
-    """Largest deviation, as a share of `scale`, by default the largest magnitude expected; infinity for NaN."""
-    a, b = values(found), values(expected)
-    if a.shape != b.shape:
-        return math.inf
-    if not a.size:
-        return 0.0
-    if not np.isfinite(a).all():
-        return math.inf
-    largest = float(np.abs(b).max()) if scale is None else scale
-    deviation = float(np.abs(a - b).max())
-    return deviation / largest if largest > 0 else (0.0 if deviation == 0 else math.inf)
-
-
-def off_each(found: Tensor | np.ndarray, expected: Tensor | np.ndarray) -> float:
-    """Largest deviation of any number as a share of itself; infinite if 0 is expected and another number is found."""
-    a, b = values(found), values(expected)
-    if a.shape != b.shape or not np.isfinite(a).all():
-        return math.inf
-    deviation = np.abs(a - b)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(deviation == 0, 0.0, deviation / np.abs(b))
-    return float(share.max()) if share.size else 0.0
-
-
-def differing(found: Tensor | np.ndarray, expected: Tensor | np.ndarray) -> float:
-    """How many numbers aren't exactly equal; infinity for another shape. NaN isn't equal to any number."""
-    a, b = values(found), values(expected)
-    return float(np.count_nonzero(~(a == b))) if a.shape == b.shape else math.inf
-
-
-def not_finite(*arrays: Tensor | np.ndarray | None) -> float:
-    """How many numbers are NaN or infinite."""
-    return float(sum(np.count_nonzero(~np.isfinite(values(array))) for array in arrays if array is not None))
-
-
-def refuses(kind: type[Exception], call: Callable[[], object], *words: str) -> Found:
-    """Measure whether the call raises this kind of error with all these words in its text: error 0 if so, else 1."""
-    try:
-        call()
-    except kind as error:
-        message = " ".join(str(error).split())
-        missing = [word for word in words if word not in message]
-        return Found(float(len(missing)), 0.0, f"{kind.__name__}: {message}"[:160])
-    return Found(1.0, 0.0, "went through without an error")
-
-
-def in_folder(measure: Callable[..., Found]) -> Callable[..., Found]:
-    """A measure that ignores the setting and gets an empty temporary folder."""
-
-    @wraps(measure)
-    def run(setting: Setting, **options: Any) -> Found:
-        with tempfile.TemporaryDirectory(prefix="dofbench-stability-") as folder:
-            return measure(Path(folder), **options)
-
-    return run
+def _labelled(values: Collection[Any]) -> tuple[tuple[str, Any], ...]:
+    return tuple(values.items()) if isinstance(values, Mapping) else tuple((str(value), value) for value in values)

@@ -1,10 +1,8 @@
-"""Comparisons that several groups of cases use: the scatter with its formula, the rasteriser with its float64
-reference."""
+"""Comparisons shared by groups of cases: the scatter with its formula, the rasteriser with its float64 reference."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -12,34 +10,27 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.evaluation.stability.case import DOUBLE, Found, Setting, not_finite, off, values
+from dofbench.evaluation.stability.case import DOUBLE, Found, Setting
+from dofbench.evaluation.stability.deviation import not_finite, off, values
 from dofbench.evaluation.stability.oracle import ROUNDINGS, dense_scatter, left_out, sensitivity
 from dofbench.evaluation.stability.samples import HEIGHT, WIDTH, straight
 from dofbench.optics.layered import layered_blur
 from dofbench.runtime.raster import Raster
 
-SCATTERED = (
-    "8 times what rounding image and radii once moves the formula, 16 roundings and one a pixel that is added up; "
-    "compiled, also what lies beyond where the kernel follows an edge"
-)
-EXACT = "0: the same bits"
-NAMED = "0: an error of that kind, with these words"
-RASTERIZED = "8 times what rounding all parameters once moves the float64 reference, and 64 roundings"
 GEOMETRY = "full"
 
 Scene = dict[str, np.ndarray]
 
 
 def summed(setting: Setting, count: int = HEIGHT * WIDTH) -> float:
-    """What so many numbers that are added up are off by, as a share: 16 roundings and half an eps a number."""
+    """Relative error bound of a sum of `count` numbers: 16 roundings and half an eps a number."""
     return (ROUNDINGS + count / 2) * setting.eps
 
 
 def scatter_bound(setting: Setting, image: np.ndarray, radius: np.ndarray, **options: Any) -> tuple[float, str]:
     """The error bound of a scatter, as a share of the brightest pixel, and the condition number as a note.
 
-    Rounding image and radii is an error of half an eps. Each addition of a sum rounds once, and if the summands are
-    equal, all these errors have the same sign.
+    Rounding image and radii is an error of half an eps. Each addition rounds once; equal summands give equal signs.
     """
     largest = float(np.abs(image).max())
     kind = np.longdouble if setting.precision == "float64" else np.float64
@@ -55,19 +46,15 @@ def against_formula(
 ) -> Found:
     """The scatter's error against the formula in long double, as a share of the brightest pixel."""
     image, radius = image.astype(np.float32), radius.astype(np.float32)
-    found = setting.kernel("scatter")(
-        setting.tensor(image), setting.tensor(radius), energy=energy, form=form, **options
-    )
+    given, area = (setting.tensor(image), setting.tensor(radius)), energy == "area"
+    found = setting.kernel("scatter")(*given, energy=energy, form=form, **options)
     kind = np.longdouble if setting.precision == "float64" else np.float64
-    exact: Callable[[np.ndarray, np.ndarray], np.ndarray] = partial(
-        dense_scatter, area=energy == "area", kind=kind, **options
-    )
-    bound, note = scatter_bound(setting, image, radius, area=energy == "area", **options)
-    return Found(off(found, exact(image, radius)), bound, note)
+    bound, note = scatter_bound(setting, image, radius, area=area, **options)
+    return Found(off(found, dense_scatter(image, radius, area=area, kind=kind, **options)), bound, note)
 
 
 def within_the_image(setting: Setting, image: np.ndarray, radius: np.ndarray) -> Found:
-    """How far a blur by layers is lighter or darker than every pixel of the image."""
+    """How far the layered blur leaves the image's range."""
     found = values(layered_blur(setting.tensor(image), setting.tensor(radius), setting.kernel("scatter")))
     if found.shape != image.shape or not_finite(found):
         return Found(math.inf, 0.0, "not finite, or of another size")
@@ -75,14 +62,14 @@ def within_the_image(setting: Setting, image: np.ndarray, radius: np.ndarray) ->
 
 
 def l1_ssim(setting: Setting, image: Tensor, target: Tensor, edge_weight: float = 0.0) -> Tensor:
-    """3DGS' loss of an image, and so many times the error of its edges."""
+    """3DGS' loss, plus `edge_weight` times the error of edges."""
     return setting.kernel("ssim", "l1_ssim")(image, target, ssim_weight=0.2, edge_weight=edge_weight)
 
 
 def sweep(
     setting: Setting, reference: np.ndarray, source: np.ndarray, shift: tuple[float, float], planes: np.ndarray
 ) -> np.ndarray:
-    """Stereo's scores, (H, W, D): `source`, (H, W), lies `shift` pixels (x, y) times a plane's disparity away."""
+    """Stereo scores, (H, W, D), of a source, (H, W), shifted by `shift` (x, y) pixels per unit of disparity."""
     maps = np.array([[[1.0, 0, 0, shift[0]], [0, 1, 0, shift[1]], [0, 0, 1, 0]]], np.float32)
     given = (setting.tensor(value) for value in (reference, source[None], maps, planes))
     return values(setting.kernel("stereo")(*given, radius=2, best=1))
@@ -97,7 +84,7 @@ def render(setting: Setting, scene: Scene, **options: Any) -> Raster:
 
 
 def outputs(raster: Raster, count: int) -> list[torch.Tensor]:
-    """The first `count` outputs of a raster. Raises ValueError where one of them was left out."""
+    """The first `count` outputs of a raster. Raises ValueError if one of them is None."""
     found = [output for output in raster[:count] if output is not None]
     if len(found) < count:
         raise ValueError(f"raster: expected {count} outputs, found {len(found)}")
@@ -126,16 +113,13 @@ def against_reference(setting: Setting, scene: Scene, filter_3d: float = 0.0, **
     moved = sensitivity(exact, given, setting.eps / 2, measure=apart)
     raster = render(setting, scene, filter_3d=setting.tensor(size), **options)
     error = math.inf if not_finite(*outputs(raster, 5)) else apart(_stacked(raster), expected)
-    return Found(
-        error,
-        8 * moved + 64 * setting.eps,
-        f"condition {2 * moved / setting.eps:.3g}, drawn {float((expected[..., 3] > 0).mean()):.0%} of the pixels",
-    )
+    drawn = float((expected[..., 3] > 0).mean())
+    note = f"condition {2 * moved / setting.eps:.3g}, drawn {drawn:.0%} of the pixels"
+    return Found(error, 8 * moved + 64 * setting.eps, note)
 
 
 def _stacked(raster: Raster) -> np.ndarray:
-    """Colour, alpha, and depth times alpha, (H, W, 5). Depth itself isn't compared, since it jumps to 0 where alpha
-    vanishes."""
+    """Colour, alpha, and depth times alpha, (H, W, 5). Depth itself jumps to 0 where alpha vanishes."""
     assert raster.depth is not None
     alpha = values(raster.alpha)
     return np.dstack([values(raster.color), alpha, values(raster.depth) * alpha])

@@ -1,4 +1,4 @@
-"""make-dataset on scenes of odd sizes, unusual depth and bad photographs, and with unusual options."""
+"""make-dataset on scenes of odd sizes, with unusual depth, invalid images and unusual options."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ import numpy as np
 
 from dofbench.core.errors import InputError
 from dofbench.core.images import read_exr, write_exr, write_png
-from dofbench.evaluation.stability.case import NUMPY, Case, Found, in_folder, not_finite, refuses
-from dofbench.evaluation.stability.comparisons import NAMED
+from dofbench.evaluation.stability.case import NUMPY, Case, Found, Subject
+from dofbench.evaluation.stability.deviation import in_folder, not_finite, refuses
 from dofbench.evaluation.stability.samples import by_size, picture
-from dofbench.evaluation.stability.subject import Subject
 
 Change = Callable[[np.ndarray], np.ndarray]
 SIZE = (24, 32)  # where no other is under test
@@ -26,27 +25,22 @@ def _write_scene(
     folder: Path,
     size: tuple[int, int],
     *,
-    views: int = 3,
     photograph: Change | None = None,
     depth: Change | None = None,
 ) -> Path:
-    """Write a scene in nerfstudio's layout: pictures of constant depth, all by a camera at one place."""
+    """Write a scene of three views by one camera in nerfstudio's layout."""
     height, width = size
     frames = []
-    for index in range(views):
+    for index in range(3):
         image, z = picture(*size, seed=index), (2.0 + 3.0 * picture(*size)[..., 0]).astype(np.float32)
         image, z = photograph(image) if photograph else image, depth(z) if depth else z
         name = f"images/v{index}" + (".exr" if photograph else ".png")
         write_exr(folder / name, image) if photograph else write_png(folder / name, image)
         write_exr(folder / f"depth/v{index}.exr", z)
-        frames.append(
-            {"file_path": name, "depth_file_path": f"depth/v{index}.exr", "transform_matrix": np.eye(4).tolist()}
-        )
-    (folder / "transforms.json").write_text(
-        json.dumps(
-            {"w": width, "h": height, "fl_x": 32.0, "fl_y": 32.0, "cx": width / 2, "cy": height / 2, "frames": frames}
-        )
-    )
+        pose = np.eye(4).tolist()
+        frames.append({"file_path": name, "depth_file_path": f"depth/v{index}.exr", "transform_matrix": pose})
+    camera = {"w": width, "h": height, "fl_x": 32.0, "fl_y": 32.0, "cx": width / 2, "cy": height / 2}
+    (folder / "transforms.json").write_text(json.dumps({**camera, "frames": frames}))
     return folder
 
 
@@ -60,16 +54,15 @@ def _make(scene: Path, out: Path, **options: Any) -> Path:
 
 @in_folder
 def _dataset(folder: Path, size: tuple[int, int] = SIZE, depth: Change | None = None, **options: Any) -> Found:
-    """Measure whether the dataset is made and passes `dofbench check`, which recomputes its photographs."""
+    """Make the dataset, and count its non-finite values and the problems that `dofbench check` finds."""
     from dofbench.datasets.synthesis import check_dataset
 
     made = _make(_write_scene(folder / "scene", size, depth=depth), folder / "made", **options)
     problems = check_dataset(made)
     records = json.loads((made / "lens.json").read_text())["views"]
     wrong = sum(not_finite(read_exr(file)) for file in sorted((made / "images_linear").glob("*.exr")))
-    wrong += sum(
-        not math.isfinite(record[key]) for record in records for key in ("max_coc_px", "aperture_scene", "k_px")
-    )
+    keys = ("max_coc_px", "aperture_scene", "k_px")
+    wrong += sum(not math.isfinite(record[key]) for record in records for key in keys)
     return Found(wrong + len(problems), 0.0, "; ".join(map(str, problems))[:160].replace(str(folder), ""))
 
 
@@ -79,12 +72,7 @@ def _with_pixel(picture: np.ndarray, at: tuple[int, int], value: float) -> np.nd
     return picture
 
 
-def _refused(
-    folder: Path,
-    *words: str,
-    photograph: Change | None = None,
-    depth: Change | None = None,
-) -> Found:
+def _refused(folder: Path, *words: str, photograph: Change | None = None, depth: Change | None = None) -> Found:
     scene = _write_scene(folder / "scene", SIZE, photograph=photograph, depth=depth)
     found = refuses(InputError, lambda: _make(scene, folder / "made"), "v0.exr", *words)
     return Found(found.error, found.bound, found.note.replace(str(folder), ""))
@@ -114,92 +102,20 @@ def _all_but_one_unknown(z: np.ndarray) -> np.ndarray:
 
 def _cases() -> tuple[Case, ...]:
     made = Subject("datasets", "make-dataset", NUMPY)
-    no_complaint, nearer = "0: no complaint", partial(_with_pixel, at=(2, 3), value=3e-6)
+    nearer = partial(_with_pixel, at=(2, 3), value=3e-6)
     return (
-        *made.each(
-            "{size_label}",
-            "a dataset of {size_label} pixels is made and checks out",
-            no_complaint,
-            _dataset,
-            size=by_size((1, 1), (1, 9), (9, 1), (17, 33)),
-        ),
-        made.case(
-            "flat",
-            "a dataset of a plane, all depths equal, is made and checks out",
-            no_complaint,
-            _dataset,
-            depth=lambda z: np.full_like(z, 3.7),
-        ),
-        made.case(
-            "outlier",
-            "a dataset with a pixel 10^6 times nearer is made and checks out",
-            no_complaint,
-            _dataset,
-            depth=nearer,
-        ),
-        made.case(
-            "depth-infinite",
-            "infinite depth counts as infinitely far, and the dataset checks out",
-            no_complaint,
-            _dataset,
-            depth=partial(_with_pixel, at=(2, 3), value=np.inf),
-        ),
-        made.case(
-            "depth-mostly-unknown",
-            "a dataset with one known depth a view is made and checks out",
-            no_complaint,
-            _dataset,
-            depth=_all_but_one_unknown,
-        ),
-        *made.each(
-            "focus-{value}",
-            "focus {value} is refused by name",
-            NAMED,
-            _refused_option,
-            option=("focus",),
-            value=("-1", "nan"),
-        ),
-        made.case(
-            "aperture-40", "aperture 40 is refused by name", NAMED, _refused_option, option="aperture", value="40"
-        ),
-        made.case(
-            "focus-ends",
-            "focus at 0 and 1, aperture 0 and 1: made and checks out",
-            no_complaint,
-            _dataset,
-            focus=(0, 1),
-            aperture=(0, 1),
-        ),
-        made.case(
-            "layered",
-            "by layers, with a pixel 10^6 times nearer: made and checks out",
-            no_complaint,
-            _dataset,
-            depth=nearer,
-            renderer="layered",
-        ),
-        made.case(
-            "noisy-black",
-            "a noisy sensor in the dark: no number is lost",
-            no_complaint,
-            _dataset,
-            photons=10.0,
-            read_noise=20.0,
-        ),
-        *made.each(
-            "photograph-{value_label}",
-            "a photograph with {value} is refused by its name",
-            NAMED,
-            _bad_light,
-            value={"nan": np.nan, "inf": np.inf, "negative": -0.5},
-        ),
-        *made.each(
-            "depth-{value_label}",
-            "a depth of {value} is refused by its file's name",
-            NAMED,
-            _bad_depth,
-            value={"nan": np.nan, "negative": -2.0},
-        ),
+        *made.each("{size_label}", _dataset, size=by_size((1, 1), (1, 9), (9, 1), (17, 33))),
+        made.case("flat", _dataset, depth=lambda z: np.full_like(z, 3.7)),
+        made.case("outlier", _dataset, depth=nearer),
+        made.case("depth-infinite", _dataset, depth=partial(_with_pixel, at=(2, 3), value=np.inf)),
+        made.case("depth-mostly-unknown", _dataset, depth=_all_but_one_unknown),
+        *made.each("focus-{value}", _refused_option, option=("focus",), value=("-1", "nan")),
+        made.case("aperture-40", _refused_option, option="aperture", value="40"),
+        made.case("focus-ends", _dataset, focus=(0, 1), aperture=(0, 1)),
+        made.case("layered", _dataset, depth=nearer, renderer="layered"),
+        made.case("noisy-black", _dataset, photons=10.0, read_noise=20.0),
+        *made.each("photograph-{value_label}", _bad_light, value={"nan": np.nan, "inf": np.inf, "negative": -0.5}),
+        *made.each("depth-{value_label}", _bad_depth, value={"nan": np.nan, "negative": -2.0}),
     )
 
 

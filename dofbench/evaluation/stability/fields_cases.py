@@ -1,4 +1,4 @@
-"""Radiance fields: rays without samples, no density and too much, samples at and beyond the cube's faces, NaN."""
+"""Radiance fields: no samples, zero and huge density, samples on and beyond the cube's faces, NaN."""
 
 from __future__ import annotations
 
@@ -7,37 +7,24 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from dofbench.evaluation.stability import space_cases
-from dofbench.evaluation.stability.case import (
-    COMPILED,
-    DOUBLE,
-    KERNELS,
-    Case,
-    Found,
-    Setting,
-    differing,
-    not_finite,
-    off,
-    refuses,
-    values,
-)
-from dofbench.evaluation.stability.comparisons import EXACT, NAMED
+from dofbench.evaluation.stability.case import COMPILED, DOUBLE, KERNELS, Case, Found, Setting, Subject
+from dofbench.evaluation.stability.deviation import differing, not_finite, off, refuses, values
 from dofbench.evaluation.stability.oracle import ROUNDINGS
-from dofbench.evaluation.stability.subject import Subject
 from dofbench.runtime.factored_grid import GridShape
 
 _SHAPE = GridShape((5, 4, 6), 8, 8, 4)
 _RAYS, _EACH = 12, 8  # a power of two, so that a step's length is exact in float32
 _LEARNED = ("density", "colour", "basis", "origins", "directions", "views")
-_SUMMED = "64 roundings of each of a ray's eight samples"
 
 Arrays = dict[str, np.ndarray]
 
 
 def _scene(each: int = _EACH) -> Arrays:
-    """Rays through the cube's middle, away from its faces, in a random field."""
+    """Rays through the cube's centre in a random field."""
     random = np.random.default_rng(11)
     views = random.normal(size=(_RAYS, 3))
     return {
@@ -54,9 +41,7 @@ def _scene(each: int = _EACH) -> Arrays:
 
 
 def _rendered(setting: Setting, scene: Mapping[str, np.ndarray], shift: float = 0.0) -> tuple[Any, list[Tensor | None]]:
-    """(what the rays see, the gradients of its sum by all that has one)."""
-    import torch
-
+    """The rendering, and the gradients of its sum with respect to each of `_LEARNED`."""
     tensors = {
         name: torch.from_numpy(array).to(setting.device)
         if name == "starts"
@@ -72,10 +57,8 @@ def _ordinary(setting: Setting) -> Found:
     seen, gradients = _rendered(setting, _scene())
     exact, expected = _rendered(DOUBLE, _scene())
     parts = [(getattr(seen, name), getattr(exact, name)) for name in ("color", "opacity", "distance")]
-    worst = max(
-        off(a, b) for a, b in [*parts, *zip(gradients, expected, strict=True)] if a is not None and b is not None
-    )
-    return Found(worst, 64 * _EACH * setting.eps)
+    parts += zip(gradients, expected, strict=True)
+    return Found(max(off(a, b) for a, b in parts if a is not None and b is not None), 64 * _EACH * setting.eps)
 
 
 def _no_samples(setting: Setting) -> Found:
@@ -86,7 +69,7 @@ def _no_samples(setting: Setting) -> Found:
 
 
 def _some_without_samples(setting: Setting) -> Found:
-    """Every second ray loses its samples: the others must be as they were."""
+    """Every second ray loses its samples; the others must not change."""
     whole = _scene()
     kept = np.repeat(np.arange(_RAYS) % 2 == 0, _EACH)
     counts = np.where(np.arange(_RAYS) % 2 == 0, _EACH, 0)
@@ -106,19 +89,18 @@ def _empty(setting: Setting, shift: float) -> Found:
 
 
 def _opaque(setting: Setting, shift: float) -> Found:
-    """The first sample hides all others, whose colours then have no gradient."""
+    """The first sample hides all others."""
     scene = _scene()
     seen, gradients = _rendered(setting, scene, shift)
     first = {**scene, "starts": np.arange(_RAYS + 1)}
     first |= {name: scene[name][::_EACH] for name in ("places", "lengths")}
     alone = _rendered(setting, first, shift)[0]
-    return Found(
-        differing(seen.color, alone.color) + not_finite(*gradients), 0.0, f"opacity {float(seen.opacity[0]):.9g}"
-    )
+    wrong = differing(seen.color, alone.color) + not_finite(*gradients)
+    return Found(wrong, 0.0, f"opacity {float(seen.opacity[0]):.9g}")
 
 
 def _on_the_faces(setting: Setting, beyond: float) -> Found:
-    """Samples on and beyond the cube's faces have the faces' values, as the same rays moved onto the faces have."""
+    """Samples beyond the cube's corners have the corners' values."""
     scene = _scene()
     corners = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
     origins = np.concatenate([corners, corners[:4]])
@@ -129,7 +111,7 @@ def _on_the_faces(setting: Setting, beyond: float) -> Found:
 
 
 def _saturated(setting: Setting) -> Found:
-    """Coefficients of 1e4: every colour is black or white, without gradient, and none is NaN."""
+    """Coefficients of 1e4: every colour is black or white, none is NaN."""
     scene = _scene()
     scene["basis"] = np.sign(scene["basis"]) * 1e4
     seen, gradients = _rendered(setting, scene)
@@ -137,7 +119,7 @@ def _saturated(setting: Setting) -> Found:
 
 
 def _nan_in_the_grid(setting: Setting) -> Found:
-    """NaN in one node of a plane comes out in the rays that pass beside it, and in no others."""
+    """NaN in one node of a plane affects the rays that pass next to it, and no others."""
     scene = _scene()
     scene["origins"][: _RAYS // 2] = [0.05, 0.05, 0.05]
     scene["directions"][: _RAYS // 2] = 0.0
@@ -149,7 +131,7 @@ def _nan_in_the_grid(setting: Setting) -> Found:
 
 
 def _thin(setting: Setting, samples: int = 8192) -> Found:
-    """Fog of optical depth 1e-4 in all, by so many samples."""
+    """Fog of a total optical depth of 1e-4."""
     scene = {**_scene(each=samples), "density": np.zeros(_SHAPE.density_size)}
     shift = math.log(1e-4)
     seen, _ = _rendered(setting, scene, shift)
@@ -166,40 +148,16 @@ def _nowhere(setting: Setting, name: str) -> Found:
 def _cases() -> tuple[Case, ...]:
     field, compiled = Subject("fields", "field", KERNELS), Subject("fields", "field", COMPILED)
     return (
-        field.case("ordinary", "a field, its rendering and its gradients are those of float64", _SUMMED, _ordinary),
-        field.case("no-samples", "rays without samples see nothing and have no gradient", EXACT, _no_samples),
-        field.case("some-without-samples", "the others don't notice", EXACT, _some_without_samples),
-        *field.each(
-            "shift-{shift:g}",
-            "a field of zeros is as transparent as softplus({shift:g}) says, with finite gradients",
-            _SUMMED,
-            _empty,
-            shift=(-80.0, -12.0, 0.0),
-        ),
-        *field.each(
-            "opaque-{shift:g}",
-            "a density of {shift:g} hides all behind the first sample, with finite gradients",
-            EXACT,
-            _opaque,
-            shift=(1e3, 1e30),
-        ),
-        *field.each(
-            "beyond-{beyond:g}",
-            "samples {beyond:g} beyond the cube's corners have the corners' values",
-            EXACT,
-            _on_the_faces,
-            beyond=(0.0, 1e-6, 1.0, 1e30),
-        ),
-        field.case("saturated", "coefficients of 1e4 leave colours and gradients finite", EXACT, _saturated),
-        field.case("nan-in-the-grid", "NaN comes out in the rays beside it alone", EXACT, _nan_in_the_grid),
-        field.case("thin-8192", "8192 samples of thin fog", "16 roundings and half an eps a sample", _thin),
-        *compiled.each(
-            "{name}-nan",
-            "{name} that aren't finite are refused",
-            NAMED,
-            _nowhere,
-            name=("origins", "directions", "places"),
-        ),
+        field.case("ordinary", _ordinary),
+        field.case("no-samples", _no_samples),
+        field.case("some-without-samples", _some_without_samples),
+        *field.each("shift-{shift:g}", _empty, shift=(-80.0, -12.0, 0.0)),
+        *field.each("opaque-{shift:g}", _opaque, shift=(1e3, 1e30)),
+        *field.each("beyond-{beyond:g}", _on_the_faces, beyond=(0.0, 1e-6, 1.0, 1e30)),
+        field.case("saturated", _saturated),
+        field.case("nan-in-the-grid", _nan_in_the_grid),
+        field.case("thin-8192", _thin),
+        *compiled.each("{name}-nan", _nowhere, name=("origins", "directions", "places")),
     )
 
 

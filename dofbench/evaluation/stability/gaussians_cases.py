@@ -1,4 +1,4 @@
-"""Extreme Gaussians: scales, needles, quaternions, opacities, the near plane, a million on one tile, none at all."""
+"""Extreme Gaussians: scales, needles, quaternions, opacities, the near plane, a million on one tile, none."""
 
 from __future__ import annotations
 
@@ -7,31 +7,10 @@ from functools import partial
 
 import numpy as np
 
-from dofbench.evaluation.stability.case import (
-    COMPILED,
-    KERNELS,
-    SINGLE,
-    Case,
-    Found,
-    Setting,
-    differing,
-    not_finite,
-    off,
-    refuses,
-    values,
-)
-from dofbench.evaluation.stability.comparisons import (
-    EXACT,
-    GEOMETRY,
-    NAMED,
-    RASTERIZED,
-    Scene,
-    against_reference,
-    outputs,
-    render,
-)
+from dofbench.evaluation.stability.case import COMPILED, KERNELS, SINGLE, Case, Found, Setting, Subject
+from dofbench.evaluation.stability.comparisons import GEOMETRY, Scene, against_reference, outputs, render
+from dofbench.evaluation.stability.deviation import differing, not_finite, off, refuses, values
 from dofbench.evaluation.stability.samples import VIEW_HEIGHT, VIEW_WIDTH, camera, gaussians, single, straight, together
-from dofbench.evaluation.stability.subject import Subject
 
 NEAR = float(np.float32(0.2))  # the near plane as a number that is exact in both precisions
 
@@ -73,18 +52,16 @@ def _empty(setting: Setting) -> Found:
 
 def _zero_quaternion(setting: Setting) -> Found:
     zero, one = (single(scale=(0.4, 0.1, 0.2), quaternion=q) for q in ((0.0,) * 4, (1.0, 0.0, 0.0, 0.0)))
-    a, b = (render(setting, scene, camera=camera(), geometry=GEOMETRY) for scene in (zero, one))
-    return Found(sum(differing(x, y) for x, y in zip(outputs(a, 5), outputs(b, 5), strict=True)), 0.0)
+    a, b = (outputs(render(setting, scene, camera=camera(), geometry=GEOMETRY), 5) for scene in (zero, one))
+    return Found(sum(map(differing, a, b)), 0.0)
 
 
 def _quaternion_length(setting: Setting, length: float) -> Found:
     direction = np.array([0.5, -0.1, 0.7, 0.3])
     usual, other = (single(scale=(0.4, 0.1, 0.2), quaternion=tuple(direction * size)) for size in (1.0, length))
-    a, b = (render(setting, scene, camera=camera(), geometry=GEOMETRY) for scene in (usual, other))
+    a, b = (outputs(render(setting, scene, camera=camera(), geometry=GEOMETRY), 5) for scene in (usual, other))
     # Scaling by a power of ten rounds each component of the quaternion, in which a rotation is quadratic.
-    return Found(
-        max(off(y, x) for x, y in zip(outputs(a, 5), outputs(b, 5), strict=True)), 64 * float(np.finfo(np.float32).eps)
-    )
+    return Found(max(map(off, b, a)), 64 * float(np.finfo(np.float32).eps))
 
 
 def _opacity(setting: Setting, logit: float) -> Found:
@@ -92,7 +69,7 @@ def _opacity(setting: Setting, logit: float) -> Found:
     return against_reference(setting, scene)
 
 
-def _left_out(setting: Setting, scene: Scene) -> Found:
+def _skipped(setting: Setting, scene: Scene) -> Found:
     raster = render(setting, scene, camera=straight(), geometry="distortion", near=NEAR)
     return Found(sum(float(np.count_nonzero(values(part))) for part in outputs(raster, 6)), 0.0)
 
@@ -104,9 +81,8 @@ def _drawn(setting: Setting, scene: Scene) -> Found:
 
 
 def _half_a_pixel(setting: Setting) -> Found:
-    # A Gaussian half a pixel wide, at any place between pixel centres, adds its integral to the light. Two errors are
-    # allowed: that of sampling a Gaussian of variance 0.25 + 0.1 px^2, 4 exp(-2 pi^2 0.35) = 4e-3, and the rim below
-    # 1/255 of its peak, which isn't drawn.
+    # Two errors are allowed: that of sampling a Gaussian of variance 0.25 + 0.1 px^2, 4 exp(-2 pi^2 0.35) = 4e-3, and
+    # the rim below 1/255, which isn't drawn.
     worst = 0.0
     for x, y in ((0.0, 0.0), (0.5, 0.5), (0.25, 0.4), (0.9, 0.1)):
         scene = single(mean=(x * 4 / VIEW_WIDTH, y * 4 / VIEW_WIDTH, 4.0), scale=0.5 * 4 / VIEW_WIDTH, logit=0.0)
@@ -127,11 +103,8 @@ def _many_on_a_tile(setting: Setting, count: int) -> Found:
     covered = 1 - (1 - 0.005) ** layers
     bound = (layers + 64) * setting.eps + 0.005 * 1e-4  # rounding may add or drop the last layer
     expected = np.broadcast_to(covered * np.array([0.2, 0.5, 0.8]), (16, 16, 3))
-    return Found(
-        max(off(raster.alpha, np.full((16, 16), covered)), off(raster.color, expected)),
-        bound,
-        f"{layers} of {count} take part",
-    )
+    error = max(off(raster.alpha, np.full((16, 16), covered)), off(raster.color, expected))
+    return Found(error, bound, f"{layers} of {count} take part")
 
 
 def _harmonics(setting: Setting, size: float) -> Found:
@@ -161,137 +134,50 @@ def _scaled(factor: float) -> Scene:
 
 
 def _cases() -> tuple[Case, ...]:
-    everywhere, single_precision, compiled = (
-        Subject("gaussians", "rasterize", settings) for settings in (KERNELS, SINGLE, COMPILED)
-    )
+    every, float32, compiled = (Subject("gaussians", "rasterize", settings) for settings in (KERNELS, SINGLE, COMPILED))
     before, beyond = (float(np.nextafter(np.float32(NEAR), np.float32(side))) for side in (0, 1))
-    planes = {
-        "on": (NEAR, _left_out, "on the near plane is left out"),
-        "before": (before, _left_out, "just before the near plane is left out"),
-        "beyond": (beyond, _drawn, "just beyond the near plane is drawn, with finite numbers"),
-    }
     unit, slanted = math.sqrt(0.5), (0.9, 0.1, 0.2, 0.3)
-    scenes: dict[str, tuple[str, Scene]] = {
-        "needle-1e2": ("a needle 100 times as long as thick", single(scale=(3.0, 0.03, 0.03), quaternion=slanted)),
-        "needle-1e4": ("a needle 10^4 times as long as thick", single(scale=(300.0, 0.03, 0.03), quaternion=slanted)),
-        "needle-at-the-camera": ("a needle along the ray", single(scale=(0.05, 0.05, 5.0), mean=(0.1, 0.1, 8.0))),
-        "disc-edge-on": (
-            "a disc seen exactly edge-on",
-            single(scale=(50.0, 50.0, 0.01), quaternion=(unit, 0.0, unit, 0.0)),
-        ),
-        "disc-nearly-edge-on": (
-            "a disc seen edge-on to 10^-3",
-            single(scale=(50.0, 50.0, 0.01), mean=(0.3, 0.0, 4.0), quaternion=(0.7067, 0.0, 0.7075, 0.0)),
-        ),
-        "far": ("a scene 10^6 away and as much larger", _scaled(2.5e5)),
-        "close": ("a scene 2 near planes away and as much smaller", _scaled(0.2)),
-        "beside-the-image": (
-            "Gaussians far beside the image",
-            together(single(mean=(50.0, 0.0, 1.0), scale=5.0), single(mean=(0.0, -90.0, 1.0), scale=20.0), single()),
-        ),
-        "thousand": ("a thousand Gaussians over each other", gaussians(1000)),
+    edge_on, nearly = (unit, 0.0, unit, 0.0), (0.7067, 0.0, 0.7075, 0.0)
+    far_left, far_up = single(mean=(50.0, 0.0, 1.0), scale=5.0), single(mean=(0.0, -90.0, 1.0), scale=20.0)
+    scenes = {
+        "needle-1e2": single(scale=(3.0, 0.03, 0.03), quaternion=slanted),
+        "needle-1e4": single(scale=(300.0, 0.03, 0.03), quaternion=slanted),
+        "needle-at-the-camera": single(scale=(0.05, 0.05, 5.0), mean=(0.1, 0.1, 8.0)),
+        "disc-edge-on": single(scale=(50.0, 50.0, 0.01), quaternion=edge_on),
+        "disc-nearly-edge-on": single(scale=(50.0, 50.0, 0.01), mean=(0.3, 0.0, 4.0), quaternion=nearly),
+        "far": _scaled(2.5e5),
+        "close": _scaled(0.2),
+        "beside-the-image": together(far_left, far_up, single()),
+        "thousand": gaussians(1000),
     }
-    opacities = {
-        -100.0: "opacity 0 to the last digit",
-        -5.0: "opacity 0.0067",
-        4.0: "opacity 0.98",
-        100.0: "opacity 1 to the last digit",
+    skipped = {
+        "opacity-0": single(scale=0.5, logit=-1e4),
+        "behind": single(mean=(0.0, 0.0, -4.0), scale=3.0, logit=5.0),
+        "at-the-camera": single(mean=(0.0, 0.0, 0.0), scale=3.0, logit=5.0),
     }
-    left_out = {
-        "opacity-0": ("an opacity of 0 draws nothing", single(scale=0.5, logit=-1e4)),
-        "behind": ("what is behind the camera is left out", single(mean=(0.0, 0.0, -4.0), scale=3.0, logit=5.0)),
-        "at-the-camera": (
-            "a Gaussian at the camera's centre is left out",
-            single(mean=(0.0, 0.0, 0.0), scale=3.0, logit=5.0),
-        ),
-    }
+    on, before_it, drawn = (single(mean=(0.01, 0.0, z), scale=0.05, logit=2.0) for z in (NEAR, before, beyond))
+    parameters = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
     return (
-        *single_precision.each(
-            "scale-{scale:g}",
-            "Gaussians of {scale:g} scene units, with the 3D filter that training gives them",
-            RASTERIZED,
-            _scale,
-            scale=(1e-8, 1e-4, 1e-1, 1e2, 1e4),
-        ),
-        everywhere.case(
-            "scale-1e-8-no-filter",
-            "a footprint without an area is left out",
-            EXACT,
-            _left_out,
-            scene=single(scale=1e-8, logit=5.0),
-        ),
-        single_precision.case(
-            "scale-e100",
-            "a scale whose footprint float32 doesn't hold is refused by name",
-            NAMED + "; by torch, not finite",
-            _too_large,
-        ),
+        *float32.each("scale-{scale:g}", _scale, scale=(1e-8, 1e-4, 1e-1, 1e2, 1e4)),
+        every.case("scale-1e-8-no-filter", _skipped, scene=single(scale=1e-8, logit=5.0)),
+        float32.case("scale-e100", _too_large),
+        *float32.each("{scene_label}", against_reference, scene=scenes),
+        every.case("quaternion-0", _zero_quaternion),
+        *every.each("quaternion-length-{length:g}", _quaternion_length, length=(1e-30, 1e-15, 1e15, 1e30)),
+        *float32.each("opacity-logit-{logit:g}", _opacity, logit=(-100.0, -5.0, 4.0, 100.0)),
+        *(every.case(name, _skipped, scene=scene) for name, scene in skipped.items()),
+        *every.each("near-plane-{scene_label}", _skipped, scene={"on": on, "before": before_it}),
+        every.case("near-plane-beyond", _drawn, scene=drawn),
+        every.case("half-a-pixel", _half_a_pixel),
+        every.case("thousand-on-a-tile", _many_on_a_tile, count=1000),
+        compiled.case("million-on-a-tile", _many_on_a_tile, count=1_000_000),
+        every.case("none", _empty),
+        *float32.each("harmonics-{size:g}", _harmonics, size=(1e3, 1e6, 1e30)),
+        float32.case("harmonics-3e38", _overflowing_harmonics),
         *(
-            single_precision.case(
-                name, f"{what}: as the float64 reference has it", RASTERIZED, against_reference, scene=scene
-            )
-            for name, (what, scene) in scenes.items()
-        ),
-        everywhere.case("quaternion-0", "a quaternion of zeros is no rotation", EXACT, _zero_quaternion),
-        *everywhere.each(
-            "quaternion-length-{length:g}",
-            "a quaternion of length {length:g} rotates as one of length 1",
-            "64 roundings of float32",
-            _quaternion_length,
-            length=(1e-30, 1e-15, 1e15, 1e30),
-        ),
-        *(
-            single_precision.case(f"opacity-logit-{logit:g}", what, RASTERIZED, _opacity, logit=logit)
-            for logit, what in opacities.items()
-        ),
-        *(everywhere.case(name, what, EXACT, _left_out, scene=scene) for name, (what, scene) in left_out.items()),
-        *(
-            everywhere.case(
-                f"near-plane-{name}",
-                f"a Gaussian {what}",
-                "0: every number",
-                measure,
-                scene=single(mean=(0.01, 0.0, z), scale=0.05, logit=2.0),
-            )
-            for name, (z, measure, what) in planes.items()
-        ),
-        everywhere.case(
-            "half-a-pixel",
-            "half a pixel wide, its light is its integral, wherever it lies between pixels",
-            "the first harmonic that sampling leaves, and the rim below 1/255 of the peak",
-            _half_a_pixel,
-        ),
-        everywhere.case(
-            "thousand-on-a-tile",
-            "1000 layers of opacity 0.005 cover what the formula says",
-            "one rounding a layer; the last layer",
-            _many_on_a_tile,
-            count=1000,
-        ),
-        compiled.case(
-            "million-on-a-tile",
-            "10^6 layers of opacity 0.005 cover what the formula says",
-            "one rounding a layer; the last layer",
-            _many_on_a_tile,
-            count=1_000_000,
-        ),
-        everywhere.case("none", "a scene of no Gaussians is background", EXACT, _empty),
-        *single_precision.each(
-            "harmonics-{size:g}", "harmonics of {size:g}", RASTERIZED, _harmonics, size=(1e3, 1e6, 1e30)
-        ),
-        single_precision.case(
-            "harmonics-3e38",
-            "harmonics whose sum overflows come out as not finite, or are refused",
-            "0: no number",
-            _overflowing_harmonics,
-        ),
-        *(
-            compiled.case(
-                f"{value}-{name}", f"{value} in {name} is refused by name", NAMED, _bad_number, name=name, value=value
-            )
-            for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
-            for value in (np.nan, np.inf)
-            if (name, value) != ("opacity_logits", np.inf)  # an opacity of 1
+            case
+            for case in compiled.each("{value}-{name}", _bad_number, name=parameters, value=(np.nan, np.inf))
+            if case.name != "inf-opacity_logits"  # an opacity of 1
         ),
     )
 

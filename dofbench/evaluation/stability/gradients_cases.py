@@ -15,15 +15,15 @@ import torch
 from torch import Tensor
 
 from dofbench.core.blur import Blur
-from dofbench.evaluation.stability.case import DOUBLE, SINGLE, Case, Found, Setting, gradient_at, values
+from dofbench.evaluation.stability.case import DOUBLE, SINGLE, Case, Found, Setting, Subject
 from dofbench.evaluation.stability.comparisons import l1_ssim
+from dofbench.evaluation.stability.deviation import gradient_at, values
 from dofbench.evaluation.stability.gradients_adam import adam
 from dofbench.evaluation.stability.oracle import POWER
 from dofbench.evaluation.stability.samples import VIEW_WIDTH, gaussians, harmonic, single, straight, together
 from dofbench.evaluation.stability.samples import disparity as _disparity
 from dofbench.evaluation.stability.samples import picture as _picture
 from dofbench.evaluation.stability.samples import radii as _radii
-from dofbench.evaluation.stability.subject import Subject
 from dofbench.optics.defocus import defocus
 
 Inputs = dict[str, np.ndarray]
@@ -35,13 +35,11 @@ radii = partial(_radii, height=HEIGHT_WIDTH[0], width=HEIGHT_WIDTH[1])
 # The effect of a gradient is its length times its input's largest number. A gradient whose effect is below this share
 # of the largest effect is measured relative to that share.
 LEAST = 1e-3
-ROUNDED = "8 times what rounding the inputs once makes of the exact gradient, and 64 roundings"
-# The compiled scatter follows a sharp pixel's edge to a weight of exp(-18), and a neighbour one pixel away has exp(-8).
-# A gradient that comes from such neighbours alone lacks a share of exp(-10).
+# The compiled scatter truncates a sharp pixel's edge at a weight of exp(-18); a neighbour one pixel away has exp(-8). A
+# gradient from such neighbours alone lacks a share of exp(-10).
 TAIL = math.exp(-10.0)
-# The gradient with respect to a sharp pixel's radius is the difference of its colour and the blurred colour there.
-# These differ only by the light of the four neighbours, 4 exp(-8) / (1 / 2), so leading digits cancel. Four operations
-# of one eps each.
+# The gradient with respect to a sharp pixel's radius is the difference of its colour and the blurred colour. These
+# differ by the light of four neighbours, 4 exp(-8) / (1 / 2), so leading digits cancel. Four operations of one eps.
 CANCELLED = 4 * EPS / (8 * math.exp(-8.0))
 
 
@@ -57,15 +55,14 @@ def gradient(setting: Setting, inputs: Inputs, loss: Loss) -> Inputs:
 def apart(found: np.ndarray, exact: np.ndarray, least: float) -> float:
     """The larger of the angle between two gradients, radians, and the relative difference of their lengths.
 
-    For a gradient shorter than `least` (symmetry may make it 0) it is the length of the difference as a share of
-    `least`.
+    For an exact gradient shorter than `least`, the length of the difference as a share of `least`.
     """
     a, b = float(np.linalg.norm(found)), float(np.linalg.norm(exact))
     if not math.isfinite(a):
         return math.inf
     if b <= least:
         return float(np.linalg.norm(found - exact)) / least if least > 0 else (0.0 if a == b else math.inf)
-    # The angle is computed from the distance of unit vectors, because a small angle's cosine loses half of its digits.
+    # From the distance of unit vectors, because a small angle's cosine loses half of its digits.
     chord = float(np.linalg.norm(found / max(a, 1e-300) - exact / b))
     return max(2 * math.asin(min(1.0, chord / 2)), abs(a / b - 1))
 
@@ -74,7 +71,7 @@ def apart(found: np.ndarray, exact: np.ndarray, least: float) -> float:
 class Problem:
     """A loss of some inputs. extra: added to the bound; compiled: added to the bound of compiled kernels.
 
-    whole: inputs that aren't rounded when the condition is computed, because the case needs their exactly equal values.
+    whole: inputs that aren't rounded for the condition number, because the case needs exactly equal values.
     """
 
     inputs: Inputs
@@ -95,14 +92,14 @@ class Problem:
 
     @cached_property
     def least(self) -> dict[str, float]:
-        """For each input, the length below which a gradient has too little effect to be measured relative to itself."""
+        """For each input, the length below which a gradient is measured relative to this length."""
         size = {name: float(np.abs(value).max(initial=1.0)) for name, value in self.given.items()}
         most = max(float(np.linalg.norm(self.exact[name])) * size[name] for name in size)
         return {name: LEAST * most / size[name] for name in size}
 
     @cached_property
     def moved(self) -> dict[str, float]:
-        """For each input, how much its gradient changes, by `apart`, when all inputs are rounded once to float32."""
+        """For each input, the change of its gradient, by `apart`, when all inputs are rounded once to float32."""
         moved = dict.fromkeys(self.given, 0.0)
         for draw in range(2):
             random = np.random.default_rng(draw)
@@ -129,12 +126,12 @@ class Problem:
 
     def _note(self, name: str, found: np.ndarray) -> str:
         exact, least = self.exact[name], self.least[name]
-        told = f"condition {2 * self.moved[name] / EPS:.3g}"
+        condition = f"condition {2 * self.moved[name] / EPS:.3g}"
         lengths = float(np.linalg.norm(found)), float(np.linalg.norm(exact))
         if lengths[1] <= least:
-            return f"by {name}: of next to no effect, {lengths[0]:.3g} for {lengths[1]:.3g}, {told}"
+            return f"by {name}: of next to no effect, {lengths[0]:.3g} for {lengths[1]:.3g}, {condition}"
         cosine = float((found * exact).sum()) / max(lengths[0] * lengths[1], 1e-300)
-        return f"by {name}: cosine 1 - {max(0.0, 1 - cosine):.2g}, magnitude {lengths[0] / lengths[1]:.7g}, {told}"
+        return f"by {name}: cosine 1 - {max(0.0, 1 - cosine):.2g}, magnitude {lengths[0] / lengths[1]:.7g}, {condition}"
 
 
 # ---- losses ----
@@ -169,15 +166,14 @@ def raster_loss(setting: Setting, inputs: dict[str, Tensor], geometry: str = "fu
 
 
 def points_loss(setting: Setting, inputs: dict[str, Tensor]) -> Tensor:
-    """The views from three points of the lens, off its centre, summed with random weights."""
+    """The views of three aperture samples, summed with random weights."""
     points = np.array([[0.0, 0.6], [-0.5, -0.3], [0.5, -0.3]])
     views = setting.kernel("rasterize", "rasterize_from_points")(**inputs, camera=straight(), points=points)
     return (views * setting.tensor(_weights(tuple(views.shape)))).sum()
 
 
 def photograph_loss(setting: Setting, inputs: dict[str, Tensor]) -> Tensor:
-    """The loss that trains a lens: 3DGS' loss of a photograph blurred by the signed circles of confusion slope d +
-    offset."""
+    """3DGS' loss of an image blurred by the signed CoC radii 8 (slope d + offset)."""
     radius = 8.0 * (inputs["slope"] * inputs["disparity"] + inputs["offset"])
     found = defocus(setting.tensor(picture()), radius, backend=setting.backend)
     return l1_ssim(setting, found, setting.tensor(_photograph()))
@@ -192,13 +188,12 @@ def _photograph() -> np.ndarray:
 def _of_itself(setting: Setting) -> Found:
     image = setting.tensor(picture(), gradient=True)
     ssim_loss(setting, {"image": image}, picture()).backward()
-    # In units of one pixel's share of the mean. The slope of 1 - SSIM is a rounding error divided by variances plus C2
-    # = 9e-4.
+    # In units of one pixel's share of the mean. The slope of 1 - SSIM is a rounding error over variances plus 9e-4.
     return Found(float(np.abs(gradient_at(image)).max()) * image.numel(), 64 * setting.eps / 9e-4)
 
 
 def ssim_loss(setting: Setting, inputs: dict[str, Tensor], target: np.ndarray, edge_weight: float = 0.0) -> Tensor:
-    """3DGS' loss against a target, and so many times the error of its edges."""
+    """3DGS' loss against a target, plus `edge_weight` times the error of edges."""
     return l1_ssim(setting, inputs["image"], setting.tensor(target), edge_weight)
 
 
@@ -206,7 +201,7 @@ def ssim_loss(setting: Setting, inputs: dict[str, Tensor], target: np.ndarray, e
 
 
 def _threshold(opacity: float) -> Inputs:
-    """A Gaussian with this alpha at its middle, which is a pixel's centre, in front of another Gaussian."""
+    """A Gaussian with this alpha at its centre, on a pixel's centre, in front of another Gaussian."""
     # The 2D filter of 0.1 px^2 reduces the opacity, which is compensated here; 1.5 scene units are 12 px at this depth.
     variance = (1.5 * VIEW_WIDTH / 4.0) ** 2
     share = math.sqrt((variance / (variance + 0.1)) ** 2 + 1e-6)
@@ -215,8 +210,7 @@ def _threshold(opacity: float) -> Inputs:
 
 
 def _footprint(determinant: float) -> Inputs:
-    """A Gaussian whose footprint has this determinant, px^4 (the smallest one that is drawn is 1e-6), and another
-    Gaussian."""
+    """A Gaussian whose footprint has this determinant, px^4 (drawn from 1e-6), in front of another Gaussian."""
     return _before_another(scale=determinant**0.25 * 4.0 / VIEW_WIDTH, logit=6.0)
 
 
@@ -230,8 +224,7 @@ def _before_another(scale: float, logit: float) -> Inputs:
 
 
 def _stack(count: int) -> Inputs:
-    """Layers of opacity 0.6, behind which the transmittance is 0.4^count: 1.05e-4 after ten, so the eleventh isn't
-    drawn."""
+    """Layers of opacity 0.6: the transmittance is 1.05e-4 after ten, so the eleventh isn't drawn."""
     layers = [
         single(mean=(0.0, 0.0, 4.0 + 0.2 * k), scale=30.0, logit=math.log(1.5), colour=(0.1 + 0.08 * k, 0.5, 0.9))
         for k in range(count)
@@ -268,9 +261,9 @@ _RATES = {
 
 
 def train(setting: Setting, *, off: float = 0.0, steps: int = STEPS) -> np.ndarray:
-    """The loss of each step of a small training: Gaussians seen through a lens that is learned too, by Adam.
+    """The loss of each step of a small training of Gaussians and their lens by Adam.
 
-    off: relative error put on the initial values.
+    off: relative error of the initial values.
     """
     view = straight(10, 8)
     random = np.random.default_rng(11)
@@ -314,125 +307,101 @@ def _hundred_steps(setting: Setting) -> Found:
     found = train(setting)
     error, moved = float(np.abs(found / exact - 1).max()), float(np.abs(rounded / exact - 1).max())
     # Each step adds independent rounding errors, so a hundred steps add up to ten times one.
-    return Found(
-        error,
-        8 * math.sqrt(STEPS) * moved + 64 * setting.eps,
-        f"loss {exact[0]:.4f} to {exact[-1]:.4f}, here {found[-1]:.4f}; rounded once at the start {moved:.2g}",
-    )
+    note = f"loss {exact[0]:.4f} to {exact[-1]:.4f}, here {found[-1]:.4f}; rounded once at the start {moved:.2g}"
+    return Found(error, 8 * math.sqrt(STEPS) * moved + 64 * setting.eps, note)
+
+
+def _blur(
+    radius: np.ndarray, light: np.ndarray | None = None, *, cancelled: bool = False, alpha: float = 4.0
+) -> Problem:
+    inputs = {"image": picture() if light is None else light, "radius": radius}
+    return Problem(inputs, partial(scatter_loss, alpha=alpha), CANCELLED * cancelled, TAIL)
+
+
+def _raster(scene: Inputs, geometry: str = "full", whole: tuple[str, ...] = ()) -> Problem:
+    return Problem(scene, partial(raster_loss, geometry=geometry), whole=whole)
+
+
+def _points(circle: float, scene: Inputs) -> Problem:
+    count = len(scene["means"])
+    signs = np.random.default_rng(4).choice((-1.0, 1.0), count)
+    return Problem({**scene, "radius": circle * signs, "blur": np.full(count, 0.1 * circle**2)}, points_loss)
+
+
+def _lens(aperture: float, focus: float) -> Problem:
+    inputs = {"slope": np.array(aperture), "offset": np.array(-aperture * focus), "disparity": disparity()}
+    return Problem(inputs, photograph_loss, 0.0, TAIL + 8 * POWER)
+
+
+def _alike(found: np.ndarray, target: np.ndarray, edges: float = 0.0) -> Problem:
+    return Problem({"image": found}, partial(ssim_loss, target=target, edge_weight=edges))
+
+
+def _problems() -> dict[str, dict[str, Problem]]:
+    """By subject and name of the case."""
+    image, bright, dark = picture(), picture(), picture()
+    bright[8, 9], dark[4:9, 4:12] = 1e6, 0
+    near_focus = np.random.default_rng(2).choice((-1.0, 1.0), HEIGHT_WIDTH)
+    integers = np.random.default_rng(3).choice((1.0, 2.0, 3.0, 5.0, 10.0), HEIGHT_WIDTH)
+    return {
+        "scatter": {
+            "scatter-away-from-kinks": _blur(radii(0.48)),
+            "scatter-depth-is-focus": _blur(np.zeros(HEIGHT_WIDTH), cancelled=True),
+            "scatter-focus-1e-6": _blur(1e-6 * near_focus, cancelled=True),
+            "scatter-focus-1e-3": _blur(1e-3 * near_focus, cancelled=True),
+            "scatter-rim-on-pixels": _blur(integers),
+            "scatter-rim-on-pixels-alpha-1e4": _blur(integers, alpha=1e4),
+            "scatter-alpha-100": _blur(radii(0.48), alpha=100.0),
+            "scatter-huge": _blur(radii(0.48, 40.0)),
+            "scatter-highlight": _blur(radii(0.48), bright),
+        },
+        "defocus": {
+            f"display-black-gamma-{gamma:g}": Problem(
+                {"image": dark, "radius": radii(0.5)}, partial(defocus_loss, gamma=gamma), 0.0, TAIL + 8 * POWER
+            )
+            for gamma in (1.0, 2.2, 4.0)
+        },
+        "scatter of a lens": {
+            "lens-start": _lens(0.5, 0.5),
+            "lens-nearly-closed": _lens(0.01, 0.5),
+            "lens-focus-far-off": _lens(1.0, 2.0),
+            "lens-found": _lens(1.0 + 1e-3, 0.3 + 1e-3),
+        },
+        "rasterize": {
+            "raster-away-from-kinks": _raster(_threshold(0.4)),
+            "raster-random": _raster(gaussians(rest=15)),
+            "raster-alpha-above-threshold": _raster(_threshold(1 / 255 * (1 + 1e-4))),
+            "raster-alpha-below-threshold": _raster(_threshold(1 / 255 * (1 - 1e-4))),
+            "raster-alpha-below-clamp": _raster(_threshold(0.99 * (1 - 1e-5))),
+            "raster-alpha-above-clamp": _raster(_threshold(0.99 * (1 + 1e-5))),
+            "raster-footprint-above": _raster(_footprint(1e-6 * (1 + 1e-3))),
+            "raster-footprint-below": _raster(_footprint(1e-6 * (1 - 1e-3))),
+            "raster-transmittance": _raster(_stack(12)),
+            "raster-colour-above-clamp": _raster(_dark(1e-5)),
+            "raster-colour-below-clamp": _raster(_dark(-1e-5)),
+            "raster-one-depth": _raster(_ten_deep(), whole=("means",)),
+            "raster-needle": _raster(single(scale=(3.0, 0.03, 0.03), quaternion=(0.9, 0.1, 0.2, 0.3)), "depth"),
+            "points-in-focus": _points(0.0, gaussians(rest=15)),
+            "points-blurred": _points(3.0, gaussians(rest=15)),
+            "points-far-out": _points(40.0, gaussians(rest=0)),
+        },
+        "ssim": {
+            "ssim-away": _alike(image, picture(seed=1)),
+            "edges-away": _alike(image, picture(seed=1), edges=4.0),
+            "ssim-close": _alike(image, image + 1e-4 * _weights(image.shape)),
+            "ssim-flat": _alike(np.full_like(image, 0.5), np.full_like(image, 0.501)),
+        },
+    }
 
 
 def _cases() -> tuple[Case, ...]:
-    scatter, defocused, rasterize, ssim = (
-        Subject("gradients", subject, SINGLE) for subject in ("scatter", "defocus", "rasterize", "ssim")
-    )
-    powers = ROUNDED + "; compiled, exp(-10) and the powers' 3e-6"
-    image = picture()
-    near_focus = np.random.default_rng(2).choice((-1.0, 1.0), HEIGHT_WIDTH)
-    integers = np.random.default_rng(3).choice((1.0, 2.0, 3.0, 5.0, 10.0), HEIGHT_WIDTH)
-    bright = picture()
-    bright[8, 9] = 1e6
-    dark = picture()
-    dark[4:9, 4:12] = 0
-
-    def blur(
-        name: str,
-        holds: str,
-        radius: np.ndarray,
-        light: np.ndarray = image,
-        *,
-        cancelled: bool = False,
-        alpha: float = 4.0,
-    ) -> Case:
-        reason = "; 4 eps over what sharp neighbours leak, by which a colour differs from the blurred one"
-        inputs, loss = {"image": light, "radius": radius}, partial(scatter_loss, alpha=alpha)
-        return scatter.case(
-            name,
-            holds,
-            ROUNDED + "; compiled, exp(-10) for the edge's end" + reason * cancelled,
-            Problem(inputs, loss, CANCELLED * cancelled, TAIL).compared,
-        )
-
-    def shown(name: str, holds: str, light: np.ndarray, gamma: float) -> Case:
-        inputs, loss = {"image": light, "radius": radii(0.5)}, partial(defocus_loss, gamma=gamma)
-        return defocused.case(name, holds, powers, Problem(inputs, loss, 0.0, TAIL + 8 * POWER).compared)
-
-    def raster(name: str, holds: str, scene: Inputs, geometry: str = "full", whole: tuple[str, ...] = ()) -> Case:
-        problem = Problem(scene, partial(raster_loss, geometry=geometry), whole=whole)
-        return rasterize.case(name, holds, ROUNDED, problem.compared)
-
-    def points(name: str, holds: str, circle: float, scene: Inputs) -> Case:
-        count = len(scene["means"])
-        signs = np.random.default_rng(4).choice((-1.0, 1.0), count)
-        seen = {**scene, "radius": circle * signs, "blur": np.full(count, 0.1 * circle**2)}
-        return rasterize.case(name, holds, ROUNDED, Problem(seen, points_loss).compared)
-
-    def lens(name: str, holds: str, aperture: float, focus: float) -> Case:
-        inputs = {"slope": np.array(aperture), "offset": np.array(-aperture * focus), "disparity": disparity()}
-        return scatter.case(name, holds, powers, Problem(inputs, photograph_loss, 0.0, TAIL + 8 * POWER).compared)
-
-    def alike(name: str, holds: str, found: np.ndarray, target: np.ndarray, edges: float = 0.0) -> Case:
-        loss = partial(ssim_loss, target=target, edge_weight=edges)
-        return ssim.case(name, holds, ROUNDED, Problem({"image": found}, loss).compared)
-
-    above, below = 1 / 255 * (1 + 1e-4), 1 / 255 * (1 - 1e-4)
-    return (
-        blur("scatter-away-from-kinks", "radii of up to 5 pixels", radii(0.48)),
-        blur("scatter-depth-is-focus", "every pixel exactly in focus", np.zeros(HEIGHT_WIDTH), cancelled=True),
-        blur("scatter-focus-1e-6", "10^-6 pixels before and behind the focus", 1e-6 * near_focus, cancelled=True),
-        blur("scatter-focus-1e-3", "10^-3 pixels before and behind the focus", 1e-3 * near_focus, cancelled=True),
-        blur("scatter-rim-on-pixels", "radii that are the distance to other pixels", integers),
-        blur("scatter-rim-on-pixels-alpha-1e4", "the same with an edge of alpha 10^4", integers, alpha=1e4),
-        blur("scatter-alpha-100", "an edge of alpha 100, away from pixels", radii(0.48), alpha=100.0),
-        blur("scatter-huge", "radii of up to 20 pixels, more than the image", radii(0.48, 40.0)),
-        blur("scatter-highlight", "one pixel 10^6 times as bright", radii(0.48), bright),
-        *(
-            shown(f"display-black-gamma-{gamma:g}", f"black pixels at gamma {gamma:g}", dark, gamma)
-            for gamma in (1.0, 2.2, 4.0)
-        ),
-        lens("lens-start", "the lens as training starts it: A 0.5, F 0.5", 0.5, 0.5),
-        lens("lens-nearly-closed", "A 0.01: hardly any pull", 0.01, 0.5),
-        lens("lens-focus-far-off", "F 2, all much blurred", 1.0, 2.0),
-        lens("lens-found", "A and F off by 10^-3 from the photograph's", 1.0 + 1e-3, 0.3 + 1e-3),
-        raster(
-            "raster-away-from-kinks",
-            "Gaussians in the middle of all thresholds",
-            _threshold(0.4),
-        ),
-        raster("raster-random", "40 random Gaussians, thresholds wherever they fall", gaussians(rest=15)),
-        raster("raster-alpha-above-threshold", "alpha 1e-4 above 1/255", _threshold(above)),
-        raster("raster-alpha-below-threshold", "alpha 1e-4 below 1/255", _threshold(below)),
-        raster("raster-alpha-below-clamp", "alpha just below 0.99", _threshold(0.99 * (1 - 1e-5))),
-        raster("raster-alpha-above-clamp", "alpha just above 0.99", _threshold(0.99 * (1 + 1e-5))),
-        raster("raster-footprint-above", "a footprint just above the least", _footprint(1e-6 * (1 + 1e-3))),
-        raster("raster-footprint-below", "a footprint just below the least", _footprint(1e-6 * (1 - 1e-3))),
-        raster("raster-transmittance", "twelve layers, of which ten count", _stack(12)),
-        raster("raster-colour-above-clamp", "a colour 1e-5 above 0", _dark(1e-5)),
-        raster("raster-colour-below-clamp", "a colour 1e-5 below 0", _dark(-1e-5)),
-        raster("raster-one-depth", "ten Gaussians at one depth", _ten_deep(), whole=("means",)),
-        raster(
-            "raster-needle",
-            "a needle 100 times as long as thick",
-            single(scale=(3.0, 0.03, 0.03), quaternion=(0.9, 0.1, 0.2, 0.3)),
-            "depth",
-        ),
-        points("points-in-focus", "from three points of the lens, all in focus", 0.0, gaussians(rest=15)),
-        points("points-blurred", "from three points of the lens, circles of 3 pixels", 3.0, gaussians(rest=15)),
-        points(
-            "points-far-out", "from three points of the lens, circles wider than the image", 40.0, gaussians(rest=0)
-        ),
-        alike("ssim-away", "two unlike images", image, picture(seed=1)),
-        alike("edges-away", "the edges of two unlike images", image, picture(seed=1), edges=4.0),
-        alike("ssim-close", "images 10^-4 apart", image, image + 1e-4 * _weights(image.shape)),
-        alike("ssim-flat", "a grey image 10^-3 from a grey one", np.full_like(image, 0.5), np.full_like(image, 0.501)),
-        ssim.case("ssim-same", "an image and itself: no gradient", "64 roundings over C2", _of_itself),
-        rasterize.case(
-            "hundred-steps",
-            "100 steps of training lower the loss as in float64, step by step",
-            "80 times what rounding the start once makes of the exact training",
-            _hundred_steps,
-        ),
-        *adam(),
-    )
+    found = [
+        Subject("gradients", subject.split()[0], SINGLE).case(name, problem.compared)
+        for subject, problems in _problems().items()
+        for name, problem in problems.items()
+    ]
+    ssim, rasterize = (Subject("gradients", subject, SINGLE) for subject in ("ssim", "rasterize"))
+    return (*found, ssim.case("ssim-same", _of_itself), rasterize.case("hundred-steps", _hundred_steps), *adam())
 
 
 CASES = _cases()

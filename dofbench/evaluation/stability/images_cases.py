@@ -6,22 +6,8 @@ import math
 
 import numpy as np
 
-from dofbench.evaluation.stability.case import (
-    DOUBLE,
-    KERNELS,
-    SINGLE,
-    SINGLE_ON_CPU,
-    Case,
-    Found,
-    Setting,
-    off,
-    refuses,
-    values,
-)
+from dofbench.evaluation.stability.case import DOUBLE, KERNELS, SINGLE, SINGLE_ON_CPU, Case, Found, Setting, Subject
 from dofbench.evaluation.stability.comparisons import (
-    NAMED,
-    RASTERIZED,
-    SCATTERED,
     against_formula,
     against_reference,
     l1_ssim,
@@ -29,9 +15,9 @@ from dofbench.evaluation.stability.comparisons import (
     sweep,
     within_the_image,
 )
+from dofbench.evaluation.stability.deviation import off, refuses, values
 from dofbench.evaluation.stability.oracle import ROUNDINGS
 from dofbench.evaluation.stability.samples import by_size, gaussians, picture, radii, straight
-from dofbench.evaluation.stability.subject import Subject
 
 SIZES = by_size((1, 1), (1, 9), (9, 1), (3, 5), (17, 33))
 
@@ -71,19 +57,15 @@ def _stereo(setting: Setting, size: tuple[int, int]) -> Found:
 def _channels(setting: Setting, count: int) -> Found:
     image, radius, scatter = picture(channels=count), setting.tensor(radii(0.4)), setting.kernel("scatter")
     together = values(scatter(setting.tensor(image), radius))
-    apart = np.concatenate(
-        [values(scatter(setting.tensor(image[..., k : k + 1]), radius)) for k in range(count)], axis=2
-    )
-    # How far the compiled kernel follows an edge depends on the brightest pixel of all channels that it processes
-    # together.
+    apart = np.dstack([values(scatter(setting.tensor(image[..., k : k + 1]), radius)) for k in range(count)])
+    # The compiled kernel truncates an edge by the brightest pixel of all channels that it processes together.
     return Found(off(together, apart), summed(setting, radius.numel()) + 2 * math.exp(-12.0))
 
 
 def _no_pixels(setting: Setting) -> Found:
     empty = np.zeros((0, 5, 3), np.float32)
-    return refuses(
-        ValueError, lambda: setting.kernel("scatter")(setting.tensor(empty), setting.tensor(empty[..., 0])), "image"
-    )
+    given = setting.tensor(empty), setting.tensor(empty[..., 0])
+    return refuses(ValueError, lambda: setting.kernel("scatter")(*given), "image")
 
 
 def _cases() -> tuple[Case, ...]:
@@ -92,46 +74,14 @@ def _cases() -> tuple[Case, ...]:
     rasterize, loss = (Subject("images", subject, SINGLE) for subject in ("rasterize", "ssim"))
     compiled = Subject("images", "scatter", tuple(s for s in KERNELS if s.backend != "reference"))
     return (
-        *scatter.each(
-            "scatter-{size_label}", "{size_label} pixels: the formula's result", SCATTERED, _scatter, size=SIZES
-        ),
-        *layered.each(
-            "layered-{size_label}",
-            "{size_label} pixels: no lighter or darker than any",
-            "64 roundings",
-            _layered,
-            size=SIZES,
-        ),
-        *rasterize.each(
-            "rasterize-{size_label}",
-            "{size_label} pixels: as the float64 reference",
-            RASTERIZED,
-            _rasterize,
-            size=SIZES,
-        ),
-        *loss.each(
-            "ssim-{size_label}",
-            "{size_label} pixels: the float64 loss",
-            "16 roundings over the least denominator",
-            _ssim,
-            size=SIZES,
-        ),
-        *stereo.each(
-            "stereo-{size_label}",
-            "{size_label} pixels: the float64 scores",
-            "rounded coordinates over the least deviation",
-            _stereo,
-            size=SIZES,
-        ),
-        *scatter.each(
-            "channels-{count}",
-            "{count} channels are blurred as each by itself",
-            "16 roundings and one a pixel, twice exp(-12)",
-            _channels,
-            count=(1, 2, 4, 5),
-        ),
-        compiled.case("no-pixels", "an image without pixels is refused by name", NAMED, _no_pixels),
-        ssim.case("ssim-5x5-valid", "an image smaller than the window is refused by name", NAMED, _ssim_too_small),
+        *scatter.each("scatter-{size_label}", _scatter, size=SIZES),
+        *layered.each("layered-{size_label}", _layered, size=SIZES),
+        *rasterize.each("rasterize-{size_label}", _rasterize, size=SIZES),
+        *loss.each("ssim-{size_label}", _ssim, size=SIZES),
+        *stereo.each("stereo-{size_label}", _stereo, size=SIZES),
+        *scatter.each("channels-{count}", _channels, count=(1, 2, 4, 5)),
+        compiled.case("no-pixels", _no_pixels),
+        ssim.case("ssim-5x5-valid", _ssim_too_small),
     )
 
 

@@ -2,49 +2,25 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from dofbench.core.blur import Blur
 from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
-from dofbench.evaluation.stability.case import (
-    KERNELS,
-    NUMPY64,
-    SINGLE_ON_CPU,
-    Case,
-    Found,
-    Setting,
-    differing,
-    gradient_at,
-    off,
-    refuses,
-    values,
-)
-from dofbench.evaluation.stability.comparisons import (
-    EXACT,
-    NAMED,
-    SCATTERED,
-    against_formula,
-    scatter_bound,
-    within_the_image,
-)
+from dofbench.evaluation.stability.case import KERNELS, NUMPY64, SINGLE_ON_CPU, Case, Found, Setting, Subject
+from dofbench.evaluation.stability.comparisons import against_formula, scatter_bound, within_the_image
+from dofbench.evaluation.stability.deviation import differing, gradient_at, off, refuses, values
 from dofbench.evaluation.stability.lens_surfaces import surfaces
 from dofbench.evaluation.stability.oracle import ROUNDINGS, dense_scatter
 from dofbench.evaluation.stability.samples import HEIGHT, WIDTH, disparity, picture, radii, single, straight
-from dofbench.evaluation.stability.subject import Subject
 from dofbench.optics.defocus import defocus, defocus_by_radius, defocus_numpy
 from dofbench.optics.layered import layered_blur
 from dofbench.training.common.rendered_surface import surface_disparity
 
-FORMULA = "the result is the formula's in a finer precision"
 
-
-def _formula(scatter: Subject, name: str, what: str, radius: np.ndarray, **options: Any) -> Case:
-    return scatter.case(
-        name, f"{what}: {FORMULA}", SCATTERED, against_formula, image=picture(), radius=radius, **options
-    )
+def _formula(setting: Setting, radius: np.ndarray, **options: Any) -> Found:
+    return against_formula(setting, picture(), radius, **options)
 
 
 # ---- aperture ----
@@ -55,8 +31,7 @@ def _closed(setting: Setting) -> Found:
     radius = setting.tensor(radii(0.5, 0.0), gradient=True)
     blurred = defocus(image, radius, backend=setting.backend)
     blurred.sum().backward()
-    wrong = differing(blurred, image) + differing(gradient_at(image), np.ones(image.shape))
-    return Found(wrong, 0.0)
+    return Found(differing(blurred, image) + differing(gradient_at(image), np.ones(image.shape)), 0.0)
 
 
 def _nearly_closed(setting: Setting) -> Found:
@@ -103,20 +78,18 @@ def _outlier_range(setting: Setting, factor: float) -> Found:
     # One more pixel above a percentile moves the percentile by at most one rank.
     ordered = np.sort(1 / depth.ravel())
     step = max(float(np.diff(ordered[40:56]).max()), float(np.diff(ordered[-56:-40]).max()))
-    return Found(
-        max(abs(found.q_min - usual.q_min), abs(found.q_max - usual.q_max)) / usual.extent, 2 * step / usual.extent
-    )
+    moved = max(abs(found.q_min - usual.q_min), abs(found.q_max - usual.q_max))
+    return Found(moved / usual.extent, 2 * step / usual.extent)
 
 
 def _degenerate_ranges(setting: Setting) -> Found:
-    wrong = 0
-    for some in (np.full(9, 0.25), np.array([0.25]), np.array([np.nan, np.inf, 0.0, -3.0, 0.25])):
-        found = DisparityRange.of_disparity(some)
-        wrong += not (found.extent > 0 and found.q_min <= 0.25 <= found.q_max)
-    wrong += int(
-        refuses(ValueError, lambda: DisparityRange.of_disparity(np.array([0.0, np.nan, -1.0])), "disparity range").error
-    )
-    return Found(float(wrong), 0.0)
+    wrong = refuses(ValueError, lambda: DisparityRange.of_disparity(np.array([0.0, np.nan, -1.0])), "disparity range")
+    ranges = [
+        DisparityRange.of_disparity(some)
+        for some in (np.full(9, 0.25), np.array([0.25]), np.array([np.nan, np.inf, 0.0, -3.0, 0.25]))
+    ]
+    right = sum(found.extent > 0 and found.q_min <= 0.25 <= found.q_max for found in ranges)
+    return Found(wrong.error + len(ranges) - right, 0.0)
 
 
 def _units(setting: Setting) -> Found:
@@ -151,12 +124,12 @@ def _sign(setting: Setting) -> Found:
 
 
 def _through_focus(setting: Setting) -> Found:
-    scatter, image = setting.kernel("scatter"), setting.tensor(picture())
-    small, steps = 1e-5, []
-    for s in (-small, 0.0, small):
-        steps.append(scatter(image, setting.tensor(np.full((HEIGHT, WIDTH), s, np.float32))))
+    scatter, image, small = setting.kernel("scatter"), setting.tensor(picture()), 1e-5
+    before, focused, behind = (
+        scatter(image, setting.tensor(np.full((HEIGHT, WIDTH), s, np.float32))) for s in (-small, 0.0, small)
+    )
     # |dw/dR| <= 2 alpha w: a change of R by 1e-5 moves weights by 2 alpha 1e-5 of themselves, the mean by twice that.
-    return Found(max(off(steps[0], steps[1]), off(steps[2], steps[1])), 4 * 4.0 * small + ROUNDINGS * setting.eps)
+    return Found(max(off(before, focused), off(behind, focused)), 4 * 4.0 * small + ROUNDINGS * setting.eps)
 
 
 def _distances_of_pixels() -> np.ndarray:
@@ -164,43 +137,36 @@ def _distances_of_pixels() -> np.ndarray:
     return cycle[np.random.default_rng(3).integers(0, len(cycle), (HEIGHT, WIDTH))]
 
 
-def _seen(setting: Setting, radius: np.ndarray) -> Found:
-    """On a GPU, which the host doesn't wait for to raise an error, NaN in the pixel of that radius says the same."""
+def _scatter_refused(setting: Setting, radius: np.ndarray) -> Found:
+    """A GPU, which the host doesn't wait for to raise an error, reports NaN in the pixel of that radius instead."""
+
+    def scattered() -> np.ndarray:
+        return values(setting.kernel("scatter")(setting.tensor(picture()), setting.tensor(radius)))
+
+    if setting.backend != "gpu":
+        return refuses(FloatingPointError, scattered, "signed_radius")
     worst = np.unravel_index(int(np.argmax(np.where(np.isnan(radius), np.inf, np.abs(radius)))), radius.shape)
-    found = values(setting.kernel("scatter")(setting.tensor(picture()), setting.tensor(radius)))[worst]
-    return Found(float(np.count_nonzero(~np.isnan(found))), 0.0, "NaN instead of an error")
+    return Found(float(np.count_nonzero(~np.isnan(scattered()[worst]))), 0.0, "NaN instead of an error")
+
+
+def _with_radius(value: float) -> np.ndarray:
+    radius = radii(0.5)
+    radius[4, 5] = value
+    return radius
 
 
 def _refused(setting: Setting, value: float) -> Found:
-    radius = radii(0.5)
-    radius[4, 5] = value
-    if setting.backend == "gpu":
-        return _seen(setting, radius)
-    return refuses(
-        FloatingPointError,
-        lambda: setting.kernel("scatter")(setting.tensor(picture()), setting.tensor(radius)),
-        "signed_radius",
-    )
+    return _scatter_refused(setting, _with_radius(value))
 
 
 def _layered_refused(setting: Setting) -> Found:
-    radius = radii(0.5)
-    radius[4, 5] = np.nan
-    scatter = setting.kernel("scatter")
-    return refuses(
-        FloatingPointError,
-        lambda: layered_blur(setting.tensor(picture()), setting.tensor(radius), scatter),
-        "signed_radius",
-    )
+    given = setting.tensor(picture()), setting.tensor(_with_radius(np.nan)), setting.kernel("scatter")
+    return refuses(FloatingPointError, lambda: layered_blur(*given), "signed_radius")
 
 
 def _overflowing(setting: Setting) -> Found:
-    image, radius = setting.tensor(picture()), setting.tensor(radii(0.5, 1e30))
-    if setting.precision == "float64":
-        return against_formula(setting, picture(), radii(0.5, 1e30))
-    if setting.backend == "gpu":
-        return _seen(setting, radii(0.5, 1e30))
-    return refuses(FloatingPointError, lambda: setting.kernel("scatter")(image, radius), "signed_radius")
+    radius = radii(0.5, 1e30)
+    return _formula(setting, radius) if setting.precision == "float64" else _scatter_refused(setting, radius)
 
 
 # ---- layers ----
@@ -212,147 +178,64 @@ def _layered_plane(setting: Setting, radius: float) -> Found:
     return Found(differing(layered_blur(image, plane, scatter), scatter(image, plane)), 0.0)
 
 
+def _layered(setting: Setting, radius: np.ndarray) -> Found:
+    return within_the_image(setting, picture(), radius)
+
+
 def _cases() -> tuple[Case, ...]:
     scatter, linear = (Subject("lens", "scatter", settings) for settings in (KERNELS, SINGLE_ON_CPU[-1:]))
     defocused, layered = (Subject("lens", subject, SINGLE_ON_CPU) for subject in ("defocus", "layered"))
     ranges, rasterize = Subject("lens", "lens", NUMPY64), Subject("lens", "rasterize", KERNELS)
-    formula = partial(_formula, scatter)
-    far_out = radii(0.5).copy()
-    far_out[5, 7] = 1e7
-    away = radii(0.5).copy()
-    away[5, 7] = 10.0 * (0.0 - 0.5)
-    foci = {
-        "focus-0": (0.0, "focus at the far end"),
-        "focus-1": (1.0, "focus at the near end"),
-        "focus-beyond-far": (-0.5, "focus beyond the far end"),
-        "focus-beyond-near": (1.5, "focus before the near end"),
-        "focus-ten-ranges-off": (10.0, "focus ten ranges away, nothing near focus"),
-    }
-    apertures = {
-        "aperture-denormal": (1e-38, "radii of 1e-38 pixels"),
-        "aperture-ten-images": (320.0, "radii of ten images"),
-        "aperture-1e6": (1e6, "radii of 10^6 pixels"),
-        "aperture-1e18": (1e18, "radii of 10^18 pixels"),
-    }
+    near, far = radii(0.5).copy(), radii(0.5).copy()
+    near[5, 7], far[5, 7] = 1e7, 10.0 * (0.0 - 0.5)
     halves = np.where(disparity() > 0.5, np.float32(1e4), np.float32(0.0))
-    polygon = ApertureShape(blades=3, rotation=0.3)
-    stopped = ApertureShape(blades=5, curvature=0.4, obstruction=0.95)
     mixed = np.where(disparity() > 0.5, np.float32(0.0), np.float32(200.0))
-    bounded = {
-        "focus-10": (radii(10.0), "focus ten ranges away"),
-        "aperture-huge": (halves, "radii of 10^4 pixels beside sharp ones"),
-        "outlier": (far_out, "one pixel 10^6 times nearer"),
-    }
+    triangle = ApertureShape(blades=3, rotation=0.3)
+    stopped = ApertureShape(blades=5, curvature=0.4, obstruction=0.95)
+    foci = {"0": 0.0, "1": 1.0, "beyond-far": -0.5, "beyond-near": 1.5, "ten-ranges-off": 10.0}
+    apertures = {"denormal": 1e-38, "ten-images": 320.0, "1e6": 1e6, "1e18": 1e18}
+    alphas = (0.1, 1.0, 4.0, 100.0, 1e3, 1e4)
     return (
-        *(formula(name, what, radii(focus)) for name, (focus, what) in foci.items()),
-        defocused.case(
-            "aperture-0", "the sharp image comes back bit for bit, and so does its gradient", EXACT, _closed
+        *scatter.each("focus-{radius_label}", _formula, radius={name: radii(focus) for name, focus in foci.items()}),
+        defocused.case("aperture-0", _closed),
+        layered.case("aperture-0-layered", _closed_layered),
+        defocused.case("aperture-to-0", _nearly_closed),
+        *scatter.each(
+            "aperture-{radius_label}", _formula, radius={name: radii(0.5, size) for name, size in apertures.items()}
         ),
-        layered.case("aperture-0-layered", "the sharp image comes back bit for bit", EXACT, _closed_layered),
-        defocused.case(
-            "aperture-to-0",
-            "radii of 5e-7 pixels leave the image sharp",
-            "what the rim's slope makes of such radii, and 16 roundings",
-            _nearly_closed,
-        ),
-        *(formula(name, what, radii(0.5, size)) for name, (size, what) in apertures.items()),
-        formula("aperture-huge-beside-sharp", "radii of 10^4 pixels beside 0", halves),
-        *(
-            formula(f"alpha-{alpha:g}", f"an edge of alpha {alpha:g}", radii(0.5), alpha=alpha)
-            for alpha in (0.1, 1.0, 4.0, 100.0, 1e3, 1e4)
-        ),
-        formula("without-area-term", "Algorithm 1 as printed", radii(0.5), energy="algorithm1"),
+        scatter.case("aperture-huge-beside-sharp", _formula, radius=halves),
+        *scatter.each("alpha-{alpha:g}", _formula, radius=(radii(0.5),), alpha=alphas),
+        scatter.case("without-area-term", _formula, radius=radii(0.5), energy="algorithm1"),
         *defocused.each(
             "depth-{value_label}",
-            "a depth of {value} counts as infinitely far",
-            SCATTERED,
             _unknown_depth,
             value={"0": 0.0, "negative": -2.0, "nan": np.nan, "infinite": np.inf},
         ),
-        defocused.case(
-            "depth-all-equal-in-focus", "a plane exactly in focus stays sharp", "16 roundings", _plane_in_focus
-        ),
-        formula("depth-all-equal", "a plane out of focus", np.full((HEIGHT, WIDTH), 6.3)),
-        formula("outlier-near", "one pixel 10^6 times nearer than the rest", far_out),
-        _formula(
-            linear, "outlier-near-linear", "one pixel 10^6 times nearer, in the linear form", far_out, form="linear"
-        ),
-        formula("outlier-far", "one pixel 10^6 times farther than the rest", away),
-        *ranges.each(
-            "outlier-range-{factor_label}",
-            "one pixel {factor_label} by 10^6 leaves the disparity range as it is",
-            "two ranks of the percentiles",
-            _outlier_range,
-            factor={"near": 1e-6, "far": 1e6},
-        ),
-        ranges.case(
-            "range-degenerate",
-            "equal, single and unusable depths give a range with an extent, or are refused",
-            "0: every one",
-            _degenerate_ranges,
-        ),
-        ranges.case(
-            "units-there-and-back",
-            "a lens in scene units and back is the same lens",
-            "4 roundings times the condition of taking q_min away",
-            _units,
-        ),
-        rasterize.case(
-            "no-gaussians",
-            "an image without Gaussians is background, without depth, blurred or not",
-            EXACT + "; blurred, 32 roundings",
-            _no_gaussians,
-        ),
+        defocused.case("depth-all-equal-in-focus", _plane_in_focus),
+        scatter.case("depth-all-equal", _formula, radius=np.full((HEIGHT, WIDTH), 6.3)),
+        scatter.case("outlier-near", _formula, radius=near),
+        linear.case("outlier-near-linear", _formula, radius=near, form="linear"),
+        scatter.case("outlier-far", _formula, radius=far),
+        *ranges.each("outlier-range-{factor_label}", _outlier_range, factor={"near": 1e-6, "far": 1e6}),
+        ranges.case("range-degenerate", _degenerate_ranges),
+        ranges.case("units-there-and-back", _units),
+        rasterize.case("no-gaussians", _no_gaussians),
         *surfaces(),
-        scatter.case("depth-is-focus-sign", "as far before the focus as behind it blurs alike", EXACT, _sign),
-        scatter.case(
-            "depth-is-focus-continuous",
-            "nothing jumps where depth passes the focus",
-            "4 alpha times the step, and 16 roundings",
-            _through_focus,
-        ),
-        *(
-            formula(
-                f"rim-on-pixels-alpha-{alpha:g}",
-                f"radii that are exactly the distance to other pixels, alpha {alpha:g}",
-                _distances_of_pixels(),
-                alpha=alpha,
-            )
-            for alpha in (4.0, 1e4)
-        ),
-        scatter.case(
-            "aperture-1e30",
-            "radii whose squares float32 doesn't hold are refused by name; float64 holds them",
-            NAMED + "; in float64 as above",
-            _overflowing,
-        ),
+        scatter.case("depth-is-focus-sign", _sign),
+        scatter.case("depth-is-focus-continuous", _through_focus),
+        *scatter.each("rim-on-pixels-alpha-{alpha:g}", _formula, radius=(_distances_of_pixels(),), alpha=(4.0, 1e4)),
+        scatter.case("aperture-1e30", _overflowing),
         *scatter.each(
-            "radius-{value_label}",
-            "a radius of {value} is refused by name",
-            NAMED,
-            _refused,
-            value={"nan": np.nan, "infinite": np.inf, "minus-infinite": -np.inf},
+            "radius-{value_label}", _refused, value={"nan": np.nan, "infinite": np.inf, "minus-infinite": -np.inf}
         ),
-        layered.case("radius-nan-layered", "a radius of NaN is refused by name", NAMED, _layered_refused),
-        formula("polygon-huge-and-sharp", "a triangle of 200 pixels beside sharp pixels", mixed, shape=polygon),
-        formula("stop-huge-and-sharp", "a stopped pentagon of 200 pixels beside sharp ones", mixed, shape=stopped),
+        layered.case("radius-nan-layered", _layered_refused),
+        scatter.case("polygon-huge-and-sharp", _formula, radius=mixed, shape=triangle),
+        scatter.case("stop-huge-and-sharp", _formula, radius=mixed, shape=stopped),
+        *layered.each("layered-plane-{radius:g}", _layered_plane, radius=(0.25, 6.3, 1e4)),
         *layered.each(
-            "layered-plane-{radius:g}",
-            "a plane blurred by {radius:g} pixels is the scatter's",
-            EXACT,
-            _layered_plane,
-            radius=(0.25, 6.3, 1e4),
-        ),
-        *(
-            layered.case(
-                f"layered-{name}",
-                f"{what}: finite, and no lighter or darker than any pixel",
-                "64 roundings",
-                within_the_image,
-                image=picture(),
-                radius=radius,
-            )
-            for name, (radius, what) in bounded.items()
+            "layered-{radius_label}",
+            _layered,
+            radius={"focus-10": radii(10.0), "aperture-huge": halves, "outlier": near},
         ),
     )
 

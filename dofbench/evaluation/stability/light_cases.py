@@ -1,4 +1,4 @@
-"""Extreme light: black, white, one highlight, NaN and infinity, and the display encoding near zero."""
+"""Extreme light: black, white, one highlight, NaN and infinity, the display encoding near zero."""
 
 from __future__ import annotations
 
@@ -10,27 +10,12 @@ from torch import Tensor
 
 from dofbench.core.blur import Blur
 from dofbench.core.images import to_8bit, to_16bit
-from dofbench.evaluation.stability.case import (
-    KERNELS,
-    NUMPY,
-    SINGLE_ON_CPU,
-    Case,
-    Found,
-    Setting,
-    differing,
-    gradient_at,
-    not_finite,
-    off,
-    off_each,
-    refuses,
-    values,
-)
-from dofbench.evaluation.stability.comparisons import EXACT, NAMED, summed
-from dofbench.evaluation.stability.light_colours import coloured
+from dofbench.evaluation.stability.case import KERNELS, NUMPY, SINGLE_ON_CPU, Case, Found, Setting, Subject
+from dofbench.evaluation.stability.comparisons import summed
+from dofbench.evaluation.stability.deviation import differing, gradient_at, not_finite, off, off_each, refuses, values
 from dofbench.evaluation.stability.light_mixing import mixing
 from dofbench.evaluation.stability.oracle import POWER, ROUNDINGS, dense_scatter
 from dofbench.evaluation.stability.samples import HEIGHT, WIDTH, picture, radii
-from dofbench.evaluation.stability.subject import Subject
 from dofbench.optics.defocus import defocus
 from dofbench.optics.tone import TOE, fast_decode, fast_encode
 
@@ -56,10 +41,9 @@ def _black_gradient(setting: Setting, gamma: float) -> Found:
 
 
 def _white(setting: Setting) -> Found:
-    return Found(
-        off(_blurred(setting, np.ones((HEIGHT, WIDTH, 3))), np.ones((HEIGHT, WIDTH, 3))),
-        (2 * ROUNDINGS + HEIGHT * WIDTH / 2) * setting.eps + 2 * POWER * (setting.backend == "cpu"),
-    )
+    white = np.ones((HEIGHT, WIDTH, 3))
+    bound = (2 * ROUNDINGS + HEIGHT * WIDTH / 2) * setting.eps + 2 * POWER * (setting.backend == "cpu")
+    return Found(off(_blurred(setting, white), white), bound)
 
 
 def _highlight(setting: Setting, form: str = "auto", brightness: float = 1e6) -> Found:
@@ -67,15 +51,11 @@ def _highlight(setting: Setting, form: str = "auto", brightness: float = 1e6) ->
     image[8, 13] = brightness
     found = setting.kernel("scatter")(setting.tensor(image), setting.tensor(radius), form=form)
     exact = dense_scatter(image, radius, kind=np.float64)
-    # Beside such a bright pixel, the rounding of its weight matters. The weight's logarithm, 2 alpha (R - l), is up to
-    # 2 alpha times the sum of the radius and the distance to which the edge is followed; float32 rounds it by half an
-    # eps.
+    # The rounding of the bright pixel's weight matters. The weight's logarithm, 2 alpha (R - l), is up to 2 alpha times
+    # the sum of the radius and the distance at which the edge is truncated; float32 rounds it by half an eps.
     argument = 2 * 4.0 * (2 * float(np.abs(radius).max()) + 4)
-    return Found(
-        off_each(found, exact),
-        (argument + ROUNDINGS + radius.size / 2) * setting.eps + np.exp(-12.0) / 4,
-        f"each pixel as a share of itself; brightest {float(exact.max()):.3g}",
-    )
+    bound = (argument + ROUNDINGS + radius.size / 2) * setting.eps + np.exp(-12.0) / 4
+    return Found(off_each(found, exact), bound, f"each pixel as a share of itself; brightest {float(exact.max()):.3g}")
 
 
 def _scaled(setting: Setting, factor: float) -> Found:
@@ -148,9 +128,8 @@ def _slope_at_zero(setting: Setting, gamma: float) -> Found:
     steepest = TOE ** (1 - gamma)
     # Expected is the line's slope below the toe, and 1 / gamma of it above.
     expected = np.where(near < TOE**gamma, steepest, steepest / gamma)
-    return Found(
-        off_each(slope, expected), _power_bound(setting, gamma) + 2e-5, f"slope {float(slope.max()):.4g}, finite"
-    )
+    note = f"slope {float(slope.max()):.4g}, finite"
+    return Found(off_each(slope, expected), _power_bound(setting, gamma) + 2e-5, note)
 
 
 def _continuous_toe(setting: Setting, gamma: float) -> Found:
@@ -175,10 +154,8 @@ def _half_lit(setting: Setting, gamma: float) -> Found:
     checks = np.repeat(((x + y) % 2)[..., None], 3, axis=2).astype(np.float32)
     radius = setting.tensor(np.full((HEIGHT, WIDTH), 1e4, np.float32))
     found = defocus(setting.tensor(checks), radius, Blur(gamma), backend=setting.backend)
-    return Found(
-        off(found, np.full(checks.shape, 0.5 ** (1 / gamma))),
-        summed(setting) + POWER * (setting.backend == "cpu"),
-    )
+    bound = summed(setting) + POWER * (setting.backend == "cpu")
+    return Found(off(found, np.full(checks.shape, 0.5 ** (1 / gamma))), bound)
 
 
 # ---- levels ----
@@ -205,82 +182,24 @@ def _cases() -> tuple[Case, ...]:
     scatter, tone = (Subject("light", subject, KERNELS) for subject in ("scatter", "tone"))
     defocused, linear = Subject("light", "defocus", SINGLE_ON_CPU), Subject("light", "scatter", SINGLE_ON_CPU[-1:])
     images = Subject("light", "images", NUMPY)
-    relative = "half an eps of each number between, of which the largest is a weight's logarithm, and exp(-12) / 4"
-    power = "eps times e log2 x, the number whose power is taken; compiled, 3e-6, which the kernel states"
-    own_digits = "every pixel is right to its own digits"
     return (
-        defocused.case("black", "black stays black", EXACT, _black),
-        *defocused.each(
-            "black-gradient-gamma-{gamma:g}",
-            "black pixels leave the gradient finite",
-            "0: every number",
-            _black_gradient,
-            gamma=GAMMAS,
-        ),
-        defocused.case("white", "white stays white", "32 roundings and one a pixel; compiled powers 6e-6", _white),
-        scatter.case("highlight-1e6", f"one pixel 10^6 times as bright: {own_digits}", relative, _highlight),
-        linear.case("highlight-1e6-linear", "the same in the linear form", relative, _highlight, form="linear"),
-        *(
-            scatter.case(
-                f"highlight-1e{exponent}",
-                f"one pixel 10^{exponent} times as bright: {own_digits}",
-                relative,
-                _highlight,
-                brightness=10.0**exponent,
-            )
-            for exponent in (12, 30)
-        ),
-        *(
-            scatter.case(
-                f"{name}-2^{exponent}",
-                f"light of 2^{exponent} is blurred as any other",
-                "16 roundings and one a pixel",
-                _scaled,
-                factor=2.0**exponent,
-            )
-            for name, exponent in (("dim", -100), ("bright", 100))
-        ),
-        *scatter.each(
-            "{value:g}-in-the-image",
-            "{value:g} in one channel comes out there, and in no other channel",
-            "0: neither swallowed nor spread",
-            _not_a_number,
-            value=(np.nan, np.inf),
-        ),
-        *tone.each(
-            "decode-gamma-{gamma:g}",
-            "decoding is the power, and its toe a line through 0",
-            power,
-            _decoded,
-            gamma=GAMMAS,
-        ),
-        *tone.each(
-            "round-trip-gamma-{gamma:g}",
-            "decoding and encoding give every tone back",
-            power,
-            _round_trip,
-            gamma=GAMMAS,
-        ),
-        *tone.each(
-            "slope-at-0-gamma-{gamma:g}",
-            "encoding's infinite slope at 0 is the toe's",
-            power + "; 2e-5 for where on the curve the slope is taken",
-            _slope_at_zero,
-            gamma=GAMMAS,
-        ),
-        *tone.each("toe-gamma-{gamma:g}", "no jump where the toe begins", power, _continuous_toe, gamma=GAMMAS),
-        tone.case("negative", "light below 0 passes through decoding and encoding", "8 roundings", _negative),
-        *defocused.each(
-            "mean-gamma-{gamma:g}",
-            "black and white in equal parts blur to half the light",
-            "16 roundings and one a pixel; compiled powers 3e-6",
-            _half_lit,
-            gamma=GAMMAS,
-        ),
+        defocused.case("black", _black),
+        *defocused.each("black-gradient-gamma-{gamma:g}", _black_gradient, gamma=GAMMAS),
+        defocused.case("white", _white),
+        scatter.case("highlight-1e6", _highlight),
+        linear.case("highlight-1e6-linear", _highlight, form="linear"),
+        *scatter.each("highlight-1e{brightness_label}", _highlight, brightness={"12": 1e12, "30": 1e30}),
+        *scatter.each("{factor_label}", _scaled, factor={"dim-2^-100": 2.0**-100, "bright-2^100": 2.0**100}),
+        *scatter.each("{value:g}-in-the-image", _not_a_number, value=(np.nan, np.inf)),
+        *tone.each("decode-gamma-{gamma:g}", _decoded, gamma=GAMMAS),
+        *tone.each("round-trip-gamma-{gamma:g}", _round_trip, gamma=GAMMAS),
+        *tone.each("slope-at-0-gamma-{gamma:g}", _slope_at_zero, gamma=GAMMAS),
+        *tone.each("toe-gamma-{gamma:g}", _continuous_toe, gamma=GAMMAS),
+        tone.case("negative", _negative),
+        *defocused.each("mean-gamma-{gamma:g}", _half_lit, gamma=GAMMAS),
         *mixing(),
-        *coloured(),
-        images.case("levels", "levels saturate, and those of 8 and 16 bits come back as they were", EXACT, _levels),
-        *images.each("nan-{bits}-bit", "NaN is no level: refused by name", NAMED, _nan_level, bits=(8, 16)),
+        images.case("levels", _levels),
+        *images.each("nan-{bits}-bit", _nan_level, bits=(8, 16)),
     )
 
 

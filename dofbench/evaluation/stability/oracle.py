@@ -1,5 +1,4 @@
-"""Reference values for comparison: an independent implementation of the scatter's formula in long double; and condition
-numbers."""
+"""Reference values: an independent implementation of the scatter's formula in long double; condition numbers."""
 
 from __future__ import annotations
 
@@ -12,8 +11,8 @@ from dofbench.core.lens import ALPHA, AREA_EPSILON, ApertureShape
 # Roundings allowed in a result in addition to those of its inputs: a few operations, each of half an eps or one.
 ROUNDINGS = 16.0
 STOP_OPACITY = 0.999  # opacity of a central stop (kernels/scatter/reference.py)
-# How far the compiled scatter follows a soft edge (kernels/scatter/cpu_pack.py): to exp(-12) of a full weight, and
-# farther if most sources spread far beyond the image; the edge of a sharp source to exp(-18).
+# The compiled scatter truncates a soft edge (kernels/scatter/cpu_pack.py) at exp(-12) of a full weight, and farther out
+# if most sources spread far beyond the image; the edge of a sharp source at exp(-18).
 BAND_EXPONENT, FOCUS_EXPONENT = 12.0, 18.0
 POWER = 3e-6  # relative error that kernels/tone/cpu.py states for the compiled powers
 
@@ -27,8 +26,7 @@ def dense_scatter(
     area: bool = True,
     kind: type[np.floating] = np.longdouble,
 ) -> np.ndarray:
-    """The scatter by the weights of every pixel on every pixel, in long double: (H, W, C). Needs (H W)^2 numbers, so
-    only for small images.
+    """The scatter by the weights of every pixel on every pixel: (H, W, C). Needs memory for (H W)^2 numbers.
 
     image: (H, W, C). radius: (H, W), pixels, signed. w = S(R rho - l) / (R^2 + 0.2), S(t) = 1/2 + 1/2 tanh(alpha t)
     (docs/conventions.md, "Lens").
@@ -41,8 +39,7 @@ def dense_scatter(
 def left_out(
     radius: np.ndarray, *, alpha: float = ALPHA, shape: ApertureShape = ApertureShape(), area: bool = True
 ) -> float:
-    """The largest share of a pixel's weights that the compiled scatter leaves out, because it doesn't follow edges so
-    far."""
+    """The largest share of a pixel's weights that the compiled scatter truncates."""
     weight, beyond = _weights(radius, alpha, shape, area, np.float64)
     spread = max(1.0, float(np.abs(radius).max()) ** 2 / radius.size)
     band = (BAND_EXPONENT + np.log(spread)) / (2 * alpha)
@@ -53,7 +50,7 @@ def left_out(
 def _weights(
     radius: np.ndarray, alpha: float, shape: ApertureShape, area: bool, kind: type[np.floating]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Two arrays (targets, sources): the weights, and how far each target lies beyond the source's radius, pixels."""
+    """Two arrays (targets, sources): the weights, and the target's distance beyond the source's radius, pixels."""
     rows, columns = (index.reshape(-1) for index in np.mgrid[: radius.shape[0], : radius.shape[1]])
     dy, dx = rows[:, None] - rows, columns[:, None] - columns
     distance = np.sqrt((dx * dx + dy * dy).astype(kind))
@@ -82,10 +79,10 @@ def sensitivity(
     seed: int = 5,
     measure: Callable[[np.ndarray, np.ndarray], float] | None = None,
 ) -> float:
-    """How much a result changes when every input number has a relative error of up to eps, as unavoidable rounding has.
+    """The largest change of a result when every input has a relative error of eps: divided by eps, a condition number.
 
-    The largest change of `draws` random perturbations. function: computes in a precision much finer than eps. measure:
-    distance of two results, by default the largest deviation. Divided by eps the change is a condition number.
+    The maximum over `draws` random perturbations. function: computes in a precision much finer than eps. measure:
+    distance of two results, by default the largest deviation.
     """
     random = np.random.default_rng(seed)
     apart = measure or (lambda a, b: float(np.abs(a - b).max()) if a.size else 0.0)

@@ -1,5 +1,4 @@
-"""Small inputs that cases share: pictures with disparity, Gaussians before a camera. All numbers are exact in
-float32."""
+"""Small inputs of cases: images with disparity, Gaussians in front of a camera. All numbers are exact in float32."""
 
 from __future__ import annotations
 
@@ -10,22 +9,22 @@ import numpy as np
 
 from dofbench.core.cameras import Camera
 
-HEIGHT, WIDTH = 16, 20  # size of pictures: small, because the weights of all pairs of pixels are computed
+HEIGHT, WIDTH = 16, 20  # of images; small, because the weights of all pairs of pixels are computed
 VIEW_HEIGHT, VIEW_WIDTH = 24, 32  # size of a camera's image
 
 
 def picture(height: int = HEIGHT, width: int = WIDTH, channels: int = 3, seed: int = 0) -> np.ndarray:
-    """Light between 0.05 and 1, (H, W, C) float32, with a different colour in every pixel."""
+    """An image of random light between 0.05 and 1, (H, W, C) float32."""
     return np.random.default_rng(seed).uniform(0.05, 1, (height, width, channels)).astype(np.float32)
 
 
 def by_size(*sizes: tuple[int, int]) -> dict[str, tuple[int, int]]:
-    """The sizes (H, W) by their text: width x height."""
+    """Sizes (H, W) by their label, width x height."""
     return {f"{width}x{height}": (height, width) for height, width in sizes}
 
 
 def disparity(height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
-    """Normalised disparity, (H, W) float32, 0 ... 1: a slanted background behind a step, as most pictures have."""
+    """Normalised disparity, (H, W) float32, 0 ... 1: a slanted background behind a step."""
     y, x = np.mgrid[:height, :width] / max(height, width, 2)
     values = np.where(x > 0.55, 0.7 + 0.3 * y, 0.35 * (x + y))
     return values.astype(np.float32)
@@ -37,7 +36,7 @@ def radii(focus: float, radius: float = 10.0, height: int = HEIGHT, width: int =
 
 
 def camera(width: int = VIEW_WIDTH, height: int = VIEW_HEIGHT, *, turned: float = 0.1) -> Camera:
-    """A camera near the origin, looking along z, turned a little, its principal point off the middle."""
+    """A camera near the origin along z, turned by `turned` radians, with an off-centre principal point."""
     pose = np.eye(4)
     pose[0, 0], pose[0, 2] = math.cos(turned), math.sin(turned)
     pose[2, 0], pose[2, 2] = -math.sin(turned), math.cos(turned)
@@ -46,14 +45,14 @@ def camera(width: int = VIEW_WIDTH, height: int = VIEW_HEIGHT, *, turned: float 
 
 
 def straight(width: int = VIEW_WIDTH, height: int = VIEW_HEIGHT) -> Camera:
-    """A camera at the origin along z with square pixels and its principal point in the middle."""
+    """A camera at the origin along z with square pixels and a centred principal point."""
     return Camera(width, height, float(VIEW_WIDTH), float(VIEW_WIDTH), width / 2, height / 2, np.eye(4))
 
 
 def gaussians(
     count: int = 40, seed: int = 1, *, depth: float = 4.0, log_scale: float = -2.0, rest: int = 3
 ) -> dict[str, np.ndarray]:
-    """Random Gaussians around `depth` before the camera, as the rasteriser's six arguments, float32."""
+    """Random Gaussians around `depth` in front of the camera, as the rasteriser's six arguments, float32."""
     random = np.random.default_rng(seed)
     made = {
         "means": random.normal(size=(count, 3)) * (0.8, 0.6, 0.4) + (0.0, 0.0, depth),
@@ -67,7 +66,7 @@ def gaussians(
 
 
 def harmonic(colour: np.ndarray | Sequence[float] | float) -> np.ndarray:
-    """The coefficient of the constant spherical harmonic that shows this colour."""
+    """The coefficient of the constant spherical harmonic for this colour."""
     return (np.asarray(colour) - 0.5) * 2 * math.sqrt(math.pi)
 
 

@@ -21,12 +21,11 @@ from dofbench.training.gaussians.gaussian_method import GaussianMethod
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
 
 STEPS = 240
-# A lens counts as found if its error is below this share of that of A = F = 0.5, the predictor that learns nothing
+# A lens counts as found if its error is below this share of the constant prediction's, A = F = 0.5
 FOUND = 0.5
 ABSURD_LIGHT, ABSURD_DEPTH = 10.0, 1e3 * FAR
 DENSIFY_EVERY = 25
-# The schedule for thousands of steps, adapted to a hundred, without depth priors that would take longer than the
-# training.
+# Schedules shortened to a hundred steps, without depth priors slower than the training.
 SHORT = {
     "steps": STEPS,
     "depth_prior": "sparse",
@@ -38,7 +37,7 @@ SHORT = {
     "reset_every": 0.0,
     "scale_lr": 2e-2,
 }
-# The same for fields: fewer rays, and a grid as coarse as these photographs.
+# For fields: fewer rays, and a grid as coarse as these views.
 SHORT_FIELD = {"batch_pixels": 256, "grid_nodes": 64, "grid_nodes_first": 32}
 SHORT_LENS = {"lens_lr": 0.2, "lens_lr_final": 0.025, "lens_init_aperture": 2.0}
 
@@ -67,8 +66,7 @@ class Watch:
 
 @dataclass(frozen=True)
 class End:
-    """How a run ended. wrong: an impossible output of a run with status ok, or the message that the run has no
-    status."""
+    """How a run ended. wrong: an impossible output of a run with status ok, or a missing status."""
 
     status: str
     wrong: str = ""
@@ -83,7 +81,7 @@ class End:
 
 
 def options_of(entry: MethodEntry, **changes: Any) -> dict[str, Any]:
-    """The method's default preset, shortened, with changes; unchanged for a method with another trainer."""
+    """The method's default preset, shortened, with changes; unchanged for another trainer."""
     _, options, _ = entry.preset(None)
     made = entry.create({}, 0, "cpu")
     if isinstance(made, FieldMethod):
@@ -108,18 +106,20 @@ def run(
     watch = Watch()
     try:
         outcome = method.fit(training_set, Budget(steps=STEPS), watch)
-    except Exception as error:  # `run` would have to turn such an exception into a status itself
-        return End(
-            "no status", f"{type(error).__name__}: {' '.join(str(error).split())}"[:100], losses=tuple(watch.losses)
-        )
+    except Exception as error:  # `dofbench run` would have to turn such an exception into a status itself
+        return End("no status", _text(error), losses=tuple(watch.losses))
     if outcome.status is not Status.OK:
         return End(outcome.status, _unexplained(outcome), losses=tuple(watch.losses))
     try:
         with np.errstate(all="ignore"):
             wrong = _absurd(method, training_set, watch.losses)
     except Exception as error:
-        wrong = f"after training: {type(error).__name__}: {' '.join(str(error).split())}"[:100]
+        wrong = f"after training: {_text(error)}"[:100]
     return End("ok", wrong, not wrong and lens_found(method, one_plane), tuple(watch.losses))
+
+
+def _text(error: Exception) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"[:100]
 
 
 def _unexplained(outcome: FitOutcome) -> str:
@@ -138,14 +138,11 @@ def _absurd(method: Method, training_set: TrainingSet, losses: list[float]) -> s
             if lens is not None and not (math.isfinite(lens.aperture) and math.isfinite(lens.focus_disparity)):
                 return f"lens of {view.name}: {lens.aperture:.3g}, {lens.focus_disparity:.3g}"
             rendering = method.render(view.camera, shown)
-            if not np.isfinite(rendering.image).all() or float(np.abs(rendering.image).mean()) > ABSURD_LIGHT:
-                return f"render of {view.name}: light of {float(np.abs(rendering.image).mean()):.3g} times white"
-            if (
-                not np.isfinite(rendering.depth).all()
-                or rendering.depth.min() < 0
-                or rendering.depth.max() > ABSURD_DEPTH
-            ):
-                return f"depth of {view.name}: {rendering.depth.min():.3g} to {rendering.depth.max():.3g}"
+            light, depth = float(np.abs(rendering.image).mean()), rendering.depth
+            if not np.isfinite(rendering.image).all() or light > ABSURD_LIGHT:
+                return f"render of {view.name}: light of {light:.3g} times white"
+            if not np.isfinite(depth).all() or depth.min() < 0 or depth.max() > ABSURD_DEPTH:
+                return f"depth of {view.name}: {depth.min():.3g} to {depth.max():.3g}"
         if lens is not None:
             least = min(abs(float(lens.signed_radius(q, WIDTH))) for q in (true_range().q_min, true_range().q_max))
             if least > WIDTH:
@@ -154,8 +151,7 @@ def _absurd(method: Method, training_set: TrainingSet, losses: list[float]) -> s
 
 
 def lens_found(method: Method, one_plane: bool) -> bool:
-    """Whether the learned lenses' error in circles of confusion is at most half of that of a predictor that learns
-    nothing."""
+    """Whether the learned lenses' error in CoC radius is below half of that of a constant prediction."""
     lenses = method.lens_estimates()
     if lenses is None:
         return False

@@ -1,17 +1,16 @@
-"""All of space in a field's cube: rays along axes, through edges and corners, past the box, from far away."""
+"""Unbounded scenes in a field's cube: rays along axes, through edges and corners, past the box, from far away."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from dofbench.evaluation.stability.case import NUMPY, Case, Found, Setting, not_finite
+from dofbench.evaluation.stability.case import NUMPY, Case, Found, Setting, Subject
+from dofbench.evaluation.stability.deviation import not_finite
 from dofbench.evaluation.stability.oracle import ROUNDINGS, sensitivity
-from dofbench.evaluation.stability.subject import Subject
 from dofbench.training.fields.cube_rays import points_along
 from dofbench.training.fields.unbounded import Unbounded
 
@@ -22,36 +21,30 @@ Rays = tuple[np.ndarray, np.ndarray]
 
 
 def _from(origin: tuple[float, ...], *directions: tuple[float, ...]) -> Rays:
-    """Rays from one place, given in half sides of the box, as the directions are."""
+    """Rays from one point; point and directions in half sides of the box."""
     along = np.array(directions) * _HIGH
     return np.tile(np.array(origin) * _HIGH, (len(along), 1)), along
 
 
 def _everywhere(origin: tuple[float, ...]) -> Rays:
-    """Rays along all axes, to all corners and to the middles of all edges of a box around this place."""
+    """Rays along all axes, and to all corners and edge centres of a box around this point."""
     ways = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) != (0, 0, 0)]
     return _from(origin, *ways)
 
 
-_RAYS: Mapping[str, tuple[str, Rays]] = {
-    "middle": ("from the box's middle along axes and diagonals", _everywhere((0, 0, 0))),
-    "corner": ("from a corner along axes, diagonals, edges and faces", _everywhere((1, 1, 1))),
-    "face": ("from just behind the middle of a face", _everywhere((0, 0, -0.999))),
-    "beside": ("from beside the box, past its edges and through them", _everywhere((2, 2, 0))),
-    "grazing": (
-        "past a face by a millionth, and into it by as much",
-        _from((-3, 1 + 1e-6, 0.2), (1, 0, 0), (1, -1e-6, 0)),
-    ),
-    "far": (
-        "from a thousand half sides away, at the box",
-        _from((0.3, 0.2, -1e3), (0, 0, 1), (1e-4, 0, 1), (0, -2e-4, 1)),
-    ),
-    "away": ("from a thousand half sides away, off into space", _everywhere((0, 0, 1e3))),
+_RAYS: dict[str, Rays] = {
+    "middle": _everywhere((0, 0, 0)),
+    "corner": _everywhere((1, 1, 1)),
+    "face": _everywhere((0, 0, -0.999)),
+    "beside": _everywhere((2, 2, 0)),
+    "grazing": _from((-3, 1 + 1e-6, 0.2), (1, 0, 0), (1, -1e-6, 0)),
+    "far": _from((0.3, 0.2, -1e3), (0, 0, 1), (1e-4, 0, 1), (0, -2e-4, 1)),
+    "away": _everywhere((0, 0, 1e3)),
 }
 
 
 def _mapped(rays: tuple[Tensor, Tensor], scale: float, near: float = 0.0) -> Tensor:
-    """(R, N, 3) places in the cube along rays in a space that is `scale` times as large."""
+    """Points in the cube along rays in a scene `scale` times as large, (R, N, 3)."""
     space = Unbounded(_LOW * scale, _HIGH * scale, near * scale)
     return points_along(space.pieces(*rays), torch.as_tensor(_SHARES).to(rays[0].dtype))
 
@@ -62,7 +55,7 @@ def _exact(*rays: np.ndarray, scale: float, near: float) -> np.ndarray:
 
 
 def _found(setting: Setting, rays: Rays, scale: float = 1.0, near: float = 0.0) -> Found:
-    """Where rays pass, against float64, as a share of the cube's side; and whether gradients are finite."""
+    """Error of the rays' points against float64, as a share of the cube's side; infinite if a gradient isn't finite."""
     given = [setting.tensor(scale * part, gradient=True) for part in rays]
     found = _mapped((given[0], given[1]), scale, near)
     found.sum().backward()
@@ -80,29 +73,10 @@ def _found(setting: Setting, rays: Rays, scale: float = 1.0, near: float = 0.0) 
 
 def _cases() -> tuple[Case, ...]:
     space = Subject("fields", "space", NUMPY)
-    where = "have float64's places in the cube, with finite gradients"
-    bound = "8 times what rounding the rays once moves float64's places, and 16 roundings of the way to the middle"
     return (
-        *(
-            space.case(f"rays-{name}", f"rays {what} {where}", bound, _found, rays=rays)
-            for name, (what, rays) in _RAYS.items()
-        ),
-        *space.each(
-            "space-times-{scale:g}",
-            f"in a scene {{scale:g}} times as large rays {where}",
-            bound,
-            _found,
-            rays=(_everywhere((0.3, -0.2, 0.1)),),
-            scale=(1e-6, 1e6),
-        ),
-        space.case(
-            "near-plane",
-            f"rays that a near plane cuts in the box, and beyond it, {where}",
-            bound,
-            _found,
-            rays=_everywhere((0.5, 0.5, 0.5)),
-            near=1.0,
-        ),
+        *space.each("rays-{rays_label}", _found, rays=_RAYS),
+        *space.each("space-times-{scale:g}", _found, rays=(_everywhere((0.3, -0.2, 0.1)),), scale=(1e-6, 1e6)),
+        space.case("near-plane", _found, rays=_everywhere((0.5, 0.5, 0.5)), near=1.0),
     )
 
 

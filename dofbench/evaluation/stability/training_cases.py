@@ -1,11 +1,10 @@
-"""Training on difficult scenes and with extreme options: what converges, and whether failures are detected."""
+"""Training on difficult scenes and with extreme options: does it converge, and is a failure detected?"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cache, partial
-from typing import Any
 
 import numpy as np
 import torch
@@ -13,9 +12,8 @@ import torch
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import FitOutcome, NonFinite, TrainingSet
 from dofbench.core.errors import Status
-from dofbench.evaluation.stability.case import COMPILED, Case, Found, Setting
+from dofbench.evaluation.stability.case import COMPILED, Case, Found, Setting, Subject
 from dofbench.evaluation.stability.short_trainings import DENSIFY_EVERY, STEPS, End, Watch, faster, options_of, run
-from dofbench.evaluation.stability.subject import Subject
 from dofbench.evaluation.stability.training_scene import (
     VIEWS,
     around,
@@ -34,8 +32,7 @@ from dofbench.training.gaussians.trainer import Trainer
 
 RATES = ("means_lr", "means_lr_final", "sh_dc_lr", "sh_rest_lr", "opacity_lr", "scale_lr", "rotation_lr")
 LENS_RATES = ("lens_lr", "lens_lr_final")
-SANE = "no run ends as ok with a number that isn't finite or can't be, and none without a status"
-SANE_BOUND = "0 runs: light within 10 times white, depth finite, a circle of confusion no wider than the image"
+GAUSSIANS = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
 SEEDS = (0, 1)
 START_APERTURES, START_FOCI = (0.5, 2.0, 6.0), (-0.5, 0.25, 0.75, 1.5)
 
@@ -90,11 +87,8 @@ def _starts(setting: Setting, method: str) -> Found:
 def _starts_found(setting: Setting, method: str) -> Found:
     grid = _from_grid(method)
     lost = [f"A {aperture:g} F {focus:g}" for (aperture, focus), end in grid.items() if not end.found]
-    return Found(
-        len(lost) / len(grid),
-        0.0,
-        f"{len(grid) - len(lost)} of {len(grid)} starts end at the lens" + (f"; not {', '.join(lost)}" if lost else ""),
-    )
+    note = f"{len(grid) - len(lost)} of {len(grid)} starts end at the lens"
+    return Found(len(lost) / len(grid), 0.0, note + (f"; not {', '.join(lost)}" if lost else ""))
 
 
 def _usual(setting: Setting, method: str) -> Found:
@@ -108,8 +102,8 @@ def _usual(setting: Setting, method: str) -> Found:
 def _spoilt(
     method: str, steps: int, spoil: Callable[[Trainer], None], right: Callable[[NonFinite, int], bool]
 ) -> Found:
-    """Spoil a training after step 7, and measure whether it ends as diverged. right: whether the event that the
-    training reports, and the number of steps that it took, are those expected."""
+    """Spoil a training after step 7; error 0 if it ends as diverged. right: checks the reported event and the number of
+    steps."""
     entry = find_method(method)
     made = entry.create(options_of(entry), 0, "cpu")
     assert isinstance(made, GaussianMethod)
@@ -128,7 +122,7 @@ def _diverged(outcome: FitOutcome, right: Callable[[NonFinite, int], bool]) -> F
 
 
 def _planted(setting: Setting, method: str, what: str, value: float) -> Found:
-    """Put a number that isn't finite into the training after step 7: step 8 must report it, and its place."""
+    """Put a non-finite number into the training after step 7: step 8 must report it and its place."""
 
     def plant(trainer: Trainer) -> None:
         if what == "lens":
@@ -143,7 +137,7 @@ def _planted(setting: Setting, method: str, what: str, value: float) -> Found:
 
 
 def _vanished(setting: Setting, method: str, what: str) -> Found:
-    """Make all Gaussians fade, or move all behind the cameras: the step that finds none left must report it."""
+    """Make all Gaussians fade, or move all behind the cameras: the step that finds none must report it."""
 
     def vanish(trainer: Trainer) -> None:
         with torch.no_grad():
@@ -152,13 +146,12 @@ def _vanished(setting: Setting, method: str, what: str) -> Found:
             else:
                 trainer.gaussians.parameters["means"][:, 2] = -5.0
 
-    # Density control looks only every few steps. Its first look must find it, if nothing found it before: BAGS looks at
-    # all Gaussians when it goes to a finer scale.
+    # Density control checks every few steps; BAGS also checks all Gaussians at each finer scale.
     return _spoilt(method, STEPS, vanish, lambda event, steps: event.step == steps <= DENSIFY_EVERY)
 
 
 def _bad_photograph(setting: Setting, method: str, value: float) -> Found:
-    """Put a number that isn't finite into a photograph: the first step that uses the photograph must report it."""
+    """Put a non-finite number into a training view: the first step that uses the view must report it."""
 
     def spoil(image: np.ndarray) -> np.ndarray:
         image = image.copy()
@@ -171,103 +164,42 @@ def _bad_photograph(setting: Setting, method: str, value: float) -> Found:
 
 
 def cases_of(method: str) -> tuple[Case, ...]:
-    """The cases of one method. Cases that set options exist only for methods that use this project's trainers."""
+    """The cases of one method. Cases that set options exist only for methods with this project's trainers."""
     entry = find_method(method)
     learns, ours = entry.card.capabilities.learns_lens, _ours(entry)
-    training = Subject("training", method, COMPILED)
-
-    def each(name: str, holds: str, bound: str, measure: Callable[..., Found], **options: Any) -> tuple[Case, ...]:
-        return training.each(f"{method}-{name}", holds, bound, measure, method=(method,), **options)
-
-    def fast(name: str, what: str, rates: tuple[str, ...], factors: tuple[float, ...]) -> tuple[Case, ...]:
-        return each(
-            f"{name}-x{{factor:g}}",
-            f"{what} times {{factor:g}}: {SANE}",
-            SANE_BOUND,
-            _fast,
-            names=(rates,),
-            factor=factors,
-        )
-
-    makers: Mapping[str, tuple[str, Callable[[], TrainingSet]]] = {
-        "3-views": ("three views", partial(scene, 3)),
-        "around": ("views from all around", around),
-        "textureless": ("a scene of one colour, background and all", partial(scene, textureless=True)),
-        "noise": ("noise of 0.2", partial(noise, 0.2)),
-        "only-noise": ("photographs of nothing but noise", nothing_but_noise),
-        "wrong-pose": ("one camera turned by 11 degrees", wrong_pose),
-        "one-black": ("one black photograph", partial(black, 3)),
-        "all-black": ("black photographs", partial(black, None)),
+    training = Subject("training", method, COMPILED, prefix=f"{method}-")
+    each = partial(training.each, method=(method,))
+    made = {
+        "3-views": partial(scene, 3),
+        "around": around,
+        "textureless": partial(scene, textureless=True),
+        "noise": partial(noise, 0.2),
+        "only-noise": nothing_but_noise,
+        "wrong-pose": wrong_pose,
+        "one-black": partial(black, 3),
+        "all-black": partial(black, None),
     }
     found: list[Case] = []
     if ours or isinstance(entry.create({}, 0, "cpu"), FieldMethod):
-        what = "the loss falls, the lens is found" if ours and learns else "the loss falls"
-        found += each("usual", f"the scene as it is, the preset cut short: {what}", "0: the share that doesn't", _usual)
-    for name, (what, make) in makers.items():
-        found += each(name, f"{what}: {SANE}", SANE_BOUND, _hard, make=(make,))
-    found += each(
-        "photograph-{value}",
-        "{value} in a photograph: diverged at the first step that looks at it, by name",
-        "0: the right step and view",
-        _bad_photograph,
-        value=(np.nan, np.inf),
-    )
+        found += each("usual", _usual)
+    found += each("{make_label}", _hard, make=made)
+    found += each("photograph-{value}", _bad_photograph, value=(np.nan, np.inf))
     if ours:
-        found += fast("rates", "all learning rates of the scene", RATES, (10.0, 100.0, 1e4))
-        found += each(
-            "planted-nan-{what}",
-            "NaN in {what} after step 7 is found at step 8",
-            "0: the right step",
-            _planted,
-            what=("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest"),
-            value=(np.nan,),
-        )
-        found += each(
-            "planted-inf-means",
-            "infinity in means after step 7 is found at step 8",
-            "0: the right step",
-            _planted,
-            what=("means",),
-            value=(np.inf,),
-        )
-        for what, how in (("faded", "fade"), ("behind", "get behind the cameras")):
-            found += each(
-                f"vanished-{what}",
-                f"Gaussians that all {how} end as diverged, at the step that finds out",
-                "0: the right step",
-                _vanished,
-                what=(what,),
-            )
+        found += each("rates-x{factor:g}", _fast, names=(RATES,), factor=(10.0, 100.0, 1e4))
+        found += each("planted-nan-{what}", _planted, what=GAUSSIANS, value=(np.nan,))
+        found += each("planted-inf-means", _planted, what=("means",), value=(np.inf,))
+        found += each("vanished-{what}", _vanished, what=("faded", "behind"))
     if ours and learns:
-        found += each(
-            "one-plane",
-            f"all photographs focused on one plane: {SANE}",
-            SANE_BOUND,
-            _hard,
-            make=(partial(scene, one_plane=True),),
-            one_plane=(True,),
-        )
-        found += fast("lens-rates", "the lens's learning rate", LENS_RATES, (10.0, 100.0))
-        found += fast("all-rates", "all learning rates", RATES + LENS_RATES, (10.0, 100.0))
-        found += each("bad-starts", f"A from 0.5 to 6, F from -0.5 to 1.5 at the start: {SANE}", SANE_BOUND, _starts)
-        found += each(
-            "bad-starts-found",
-            "and from each of them the lens is found: half the error of one that learns nothing",
-            "0: the share that doesn't",
-            _starts_found,
-        )
-        found += each(
-            "planted-{value}-lens",
-            "{value} in the lens after step 7 is found at step 8",
-            "0: the right step",
-            _planted,
-            what=("lens",),
-            value=(np.nan, np.inf),
-        )
+        found += each("one-plane", _hard, make=(partial(scene, one_plane=True),), one_plane=(True,))
+        found += each("lens-rates-x{factor:g}", _fast, names=(LENS_RATES,), factor=(10.0, 100.0))
+        found += each("all-rates-x{factor:g}", _fast, names=(RATES + LENS_RATES,), factor=(10.0, 100.0))
+        found += each("bad-starts", _starts)
+        found += each("bad-starts-found", _starts_found)
+        found += each("planted-{value}-lens", _planted, what=("lens",), value=(np.nan, np.inf))
     return tuple(found)
 
 
 def cases(method: str | None = None) -> tuple[Case, ...]:
-    """The cases of one method, or of all that are found. Raises InputError for an unknown one."""
+    """The cases of one method, or of all methods found. Raises InputError for an unknown one."""
     chosen = [method] if method is not None else list(method_files())
     return tuple(case for one in chosen for case in cases_of(one))

@@ -1,7 +1,7 @@
-"""A tiny scene to train on, and defects that can be put into its photographs.
+"""A tiny scene to train on, and defects of its views.
 
-Where a lens has to be found, the scene is blurred by the method's own model, so that only the initial values, the
-learning rates and the defects can prevent success: by the scatter, or each Gaussian by its own circle of confusion.
+Where a lens has to be found, the scene is blurred by the method's own model, the scatter renderer or a CoC radius for
+each Gaussian. So only initial values, learning rates and defects can prevent success.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from dofbench.runtime.ops import load
 WIDTH, HEIGHT, VIEWS = 64, 48, 6
 NEAR, FAR = 2.0, 6.0
 BACKGROUND = [0.15, 0.2, 0.3]
-# Larger than the usual 0 ... 1, which would blur by one pixel at most in so small an image; A = 5 gives 6.4 pixels.
+# Beyond the usual 0 ... 1, which blurs so small an image by one pixel at most; A = 5 gives 6.4 pixels.
 TRUE_APERTURES, TRUE_FOCI = (3.0, 5.0), (0.2, 0.5, 0.8)
 
 
@@ -45,8 +45,8 @@ def true_lens(view: int, one_plane: bool = False) -> Lens:
 def scene(
     views: int = VIEWS, one_plane: bool = False, textureless: bool = False, own_blur: bool = False
 ) -> TrainingSet:
-    """Photographs of two layers of coloured dots, and their centres as sparse points. own_blur: whether every dot is
-    blurred by its own circle of confusion, in place of the scatter of a sharp picture."""
+    """Views of two layers of coloured dots, and their centres as sparse points. own_blur: blur every dot by its own CoC
+    radius, in place of the scatter renderer."""
     random = np.random.default_rng(0)
     count = 220
     depth = np.where(random.uniform(size=count) < 0.4, NEAR + 0.4, FAR - 0.4) + random.uniform(-0.4, 0.4, count)
@@ -71,7 +71,7 @@ def scene(
 
 @cache
 def around() -> TrainingSet:
-    """Photographs of a ball of coloured dots by cameras on a circle around it, which look at its middle."""
+    """Views of a ball of coloured dots by cameras on a circle around it."""
     random = np.random.default_rng(2)
     count, distance = 220, (NEAR + FAR) / 2
     xyz = random.normal(size=(count, 3))
@@ -88,7 +88,7 @@ def around() -> TrainingSet:
 
 
 def _turned(angle: float) -> np.ndarray:
-    """(3, 3), about the axis that points down, radians."""
+    """Rotation matrix about the axis that points down. angle: radians."""
     return np.array([[math.cos(angle), 0, math.sin(angle)], [0, 1, 0], [-math.sin(angle), 0, math.cos(angle)]])
 
 
@@ -114,7 +114,7 @@ def _taken(
     lens: PhysicalLens,
     own_blur: bool = False,
 ) -> TrainingView:
-    """A photograph from this pose, (4, 4) world to camera; see `scene`."""
+    """A view from this pose, (4, 4) world to camera; see `scene`."""
     camera, behind = Camera(WIDTH, HEIGHT, 50.0, 50.0, WIDTH / 2, HEIGHT / 2, pose), torch.tensor(background)
     if own_blur:
         depth = truth["means"] @ torch.from_numpy(pose[2, :3]).float() + float(pose[2, 3])
@@ -129,7 +129,7 @@ def _taken(
 
 
 def spoiled(training_set: TrainingSet, index: int | None, change: Callable[[np.ndarray], np.ndarray]) -> TrainingSet:
-    """The training set with the photograph of this index changed; for None, with every photograph changed."""
+    """The training set with one view's image changed; for None, every view's."""
     views = tuple(
         replace(view, image=change(view.image).astype(np.float32)) if index in (None, k) else view
         for k, view in enumerate(training_set.views)
@@ -138,19 +138,19 @@ def spoiled(training_set: TrainingSet, index: int | None, change: Callable[[np.n
 
 
 def noise(sigma: float) -> TrainingSet:
-    """The scene with Gaussian noise of this standard deviation on every photograph."""
+    """The scene with Gaussian noise of this standard deviation on every view."""
     random = np.random.default_rng(1)
     return spoiled(scene(), None, lambda image: np.clip(image + random.normal(0, sigma, image.shape), 0, 1))
 
 
 def nothing_but_noise() -> TrainingSet:
-    """The scene with every photograph replaced by uniform noise."""
+    """The scene with every view replaced by uniform noise."""
     random = np.random.default_rng(1)
     return spoiled(scene(), None, lambda image: random.uniform(0, 1, image.shape))
 
 
 def black(index: int | None) -> TrainingSet:
-    """The scene with the photograph of this index black; for None, with every photograph black."""
+    """The scene with one view black; for None, every view."""
     return spoiled(scene(), index, np.zeros_like)
 
 

@@ -1,8 +1,7 @@
-"""Photographs of one aperture predicted from those of another: a test of controllable depth of field on real lenses.
+"""Test views of one aperture predicted from training views of another: controllable depth of field on real lenses.
 
-The diameter of a lens's opening is its focal length over the f-number, so the aperture learned at f/N, times N / M, is
-that of a photograph at f/M. The focus of such a photograph is unknown: its focus and colours are fitted on one half,
-and the other half is scored.
+The opening is the focal length over the f-number, so the aperture learned at f/N, times N / M, is that at f/M. Focus
+and colours are unknown: they are fitted on one half, and the other half is scored.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -28,18 +28,16 @@ from dofbench.evaluation.scoring.photographs.predict import (
 )
 from dofbench.evaluation.scoring.photographs.search import Effort, Frame
 
-FOCUSES = 7  # focus values of the grid, over the view's disparity range extended by a quarter at both ends
-BEYOND = 0.25
+FOCUSES, BEYOND = 7, 0.25  # of the grid, over the view's disparity range, extended at both ends
 FOCUS_EFFORT = Effort(apertures=1, focuses=FOCUSES, coarse=6, fine=4)
 QUICK_FOCUS_EFFORT = Effort(apertures=1, focuses=FOCUSES, coarse=4, fine=1)
 
 
 @dataclass(frozen=True, eq=False)
 class AcrossPrediction:
-    """Three predictions of one photograph. scaled: by the learned aperture (median of the training views) times the
-    ratio of the f-numbers; for a method without a lens, by the best Gaussian blur. unscaled: by the learned aperture
-    without that factor; None without a lens. in_focus: (H, W, 3), rendered without a lens, colours fitted; None if a
-    rendering wasn't finite."""
+    """Three predictions of one view. scaled: by the learned aperture (median of the training views) times the ratio of
+    the f-numbers, or by the best Gaussian blur without a lens. unscaled: without that factor; None without a lens.
+    in_focus: (H, W, 3), rendered without a lens, colours fitted; None for a non-finite rendering."""
 
     scaled: Prediction
     unscaled: Prediction | None
@@ -59,11 +57,10 @@ def predict_across(
     unscaled: bool = True,
     mask: np.ndarray | None = None,
 ) -> AcrossPrediction:
-    """Predict a photograph whose f-number is 1 / `ratio` times that of the training views.
+    """Predict a view whose f-number is 1 / `ratio` times that of the training views.
 
-    photograph: (H, W, 3) float32, encoded. learned, cameras, no_lens: as in `predict`; a method without
-    learned lenses has no aperture to scale. unscaled: whether to predict by the unscaled aperture too. mask: as in
-    `predict`.
+    photograph: (H, W, 3) float32, encoded. learned, cameras, no_lens, mask: as in `predict`. unscaled: also predict by
+    the unscaled aperture.
     """
     start = time.perf_counter()
     tiles = Tiles.of(camera.height, camera.width, mask)
@@ -79,17 +76,15 @@ def predict_across(
     if lens is None or frame is None or refused:
         return AcrossPrediction(Prediction.by_blur(image, photograph, tiles, refused, start), None, in_focus)
     apertures = [lens.aperture_at(camera.width) * factor for factor in (ratio, *([1.0] * unscaled))]
-    scaled, *other = (
-        _by_focus(method, camera, photograph, tiles, frame, aperture, effort).prediction(effort, start)
-        for aperture in apertures
-    )
+    search = partial(_by_focus, method, camera, photograph, tiles, frame)
+    scaled, *other = (search(aperture, effort).prediction(effort, start) for aperture in apertures)
     return AcrossPrediction(scaled, other[0] if other else None, in_focus)
 
 
 def _by_focus(
     method: Method, camera: Camera, photograph: np.ndarray, tiles: Tiles, frame: Frame, aperture: float, effort: Effort
 ) -> LensSearch:
-    """A search for the focus alone, in normalised disparity of the view."""
+    """A search for the focus only, in normalised disparity of the view."""
     disparities = frame.disparities
 
     def lens(at: np.ndarray) -> PhysicalLens:

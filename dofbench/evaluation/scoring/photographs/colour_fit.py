@@ -1,23 +1,20 @@
-"""Fits the colours of a prediction to a photograph by an affine map, so that exposure and white balance aren't scored.
+"""Affine colour correction of a prediction, so that exposure and white balance aren't scored.
 
-The map acts on encoded values, which are the ones that are scored. Under a power-law display encoding, exposure and
-white balance are a factor per channel of encoded values too.
+It acts on encoded values. By a power law, exposure and white balance are a factor per channel of encoded values too.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-LOW, HIGH = 1.5 / 255, 253.5 / 255  # pixels outside were clipped by the sensor, or nearly, and aren't used in the fit
-FEWEST = 64  # fewest pixels to fit 12 numbers to; with fewer pixels colours aren't changed
+LOW, HIGH = 1.5 / 255, 253.5 / 255  # pixels outside are (nearly) clipped and aren't fitted
+FEWEST = 64  # fewest pixels to fit 12 numbers to
 
 
 def colour_map(prediction: np.ndarray, photograph: np.ndarray) -> np.ndarray:
-    """(4, 3) matrix M that makes [r, g, b, 1] M fit the photograph best in least squares, over its pixels that aren't
-    clipped.
+    """(4, 3) matrix M of the least-squares fit of [r, g, b, 1] M to the photograph's unclipped pixels.
 
-    prediction, photograph: (P, 3), encoded. If the pixels don't determine M (for example with only one colour), the
-    solution closest to the identity is taken. With fewer than 64 pixels: the identity.
+    prediction, photograph: (P, 3), encoded. The solution closest to the identity; the identity below 64 pixels.
     """
     identity = np.eye(4, 3)
     good = np.all((photograph > LOW) & (photograph < HIGH), axis=1)
@@ -30,5 +27,5 @@ def colour_map(prediction: np.ndarray, photograph: np.ndarray) -> np.ndarray:
 
 
 def recoloured(image: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """(..., 3) float32: an image transformed by `colour_map`'s matrix and clipped to [0, 1]."""
+    """The image (..., 3) transformed by a `colour_map`, clipped to [0, 1], float32."""
     return np.clip(image.astype(np.float64) @ matrix[:3] + matrix[3], 0.0, 1.0).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Divides a photograph into two halves like the squares of a checkerboard: a fit on one half is scored on the other."""
+"""Two halves of an image like the squares of a checkerboard: a fit on one half is scored on the other."""
 
 from __future__ import annotations
 
@@ -10,16 +10,13 @@ from dofbench.core.similarity import centre, ssim_map, unmasked
 
 TILES = 8  # number of tiles along the shorter side
 SMALLEST = 16  # px, so that windows of SSIM fit into a tile
-# Share of a tile's side: scored pixels lie at least this far from the other half, whose light is blurred into their
-# surroundings
-MARGIN = 1 / 8
+MARGIN = 1 / 8  # share of a tile's side: least distance of scored pixels from the other half
 
 
 @dataclass(frozen=True, eq=False)
 class Tiles:
-    """The tiles of an image. half: (H, W), 0 or 1 by tile, like the squares of a chessboard, beginning with 0. inside:
-    (H, W), the pixels that are scored. side: of a tile, px. mask: (H, W), True for the pixels that a fit may use and
-    that may be scored; None for all."""
+    """The tiles of an image. half: (H, W), 0 or 1 by tile, starting with 0. inside: (H, W), scored pixels. side: of a
+    tile, px. mask: (H, W), True for valid pixels, which are fitted and scored; None for all."""
 
     half: np.ndarray
     inside: np.ndarray
@@ -28,8 +25,8 @@ class Tiles:
 
     @staticmethod
     def of(height: int, width: int, mask: np.ndarray | None = None) -> Tiles:
-        """Tiles with an eighth of the shorter side, at least 16 px; tiles at the right and lower edge may be cut
-        off. Where all pixels away from the tiles' borders are masked, the valid ones at borders are scored."""
+        """Tiles of an eighth of the shorter side, at least 16 px, cut off at the right and lower edge. Without valid
+        pixels away from the tiles' borders, those at borders are scored."""
         side = max(SMALLEST, round(min(height, width) / TILES))
         margin = max(1, round(side * MARGIN))
         rows, columns = np.arange(height), np.arange(width)
@@ -40,8 +37,7 @@ class Tiles:
         return Tiles(half.astype(np.uint8), inside, side, mask)
 
     def fitted(self, half: int) -> np.ndarray:
-        """(H, W) bool: the pixels that a fit on that half uses, which are all valid pixels of the half; those of both
-        halves where it has none."""
+        """(H, W) bool: the valid pixels of a half, on which a fit is made; those of both halves where it has none."""
         own = self.half == half
         if self.mask is None:
             return own
@@ -52,8 +48,8 @@ class Tiles:
         return self.inside & (self.half == half)
 
     def shrunk(self, factor: int, half: int) -> np.ndarray:
-        """(H // factor, W // factor) bool: the cells of factor x factor pixels that lie completely in that half, and
-        of which all are valid; where there are none such, those with a pixel that is `fitted`, or else all."""
+        """(H // factor, W // factor) bool: the cells of factor x factor valid pixels within a half; without any, those
+        with a pixel that is `fitted`, or else all."""
         share = _cells(self.fitted(half)[..., None].astype(np.float32), factor)[..., 0].mean(axis=(1, 3))
         if self.mask is None or (share == 1).any():
             return share == 1
@@ -61,16 +57,12 @@ class Tiles:
 
 
 def shrink(image: np.ndarray, factor: int) -> np.ndarray:
-    """(H // factor, W // factor, 3): means over cells of factor x factor pixels; remaining rows and columns are cut
-    off."""
+    """Means over cells of factor x factor pixels, (H // factor, W // factor, 3); the rest is cut off."""
     return image if factor == 1 else _cells(image, factor).mean(axis=(1, 3))
 
 
 def masked_psnr(prediction: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> float:
-    """PSNR over the pixels of `mask` (H, W) and all channels, dB, peak 1; infinite for equal images.
-
-    Raises ValueError for an empty mask.
-    """
+    """PSNR over the pixels of `mask` (H, W), dB, peak 1; infinite for equal images. ValueError for an empty mask."""
     if not mask.any():
         raise ValueError("masked PSNR: expected at least one pixel, found none")
     error = float(np.mean(np.square(prediction[mask].astype(np.float64) - truth[mask])))
@@ -78,8 +70,7 @@ def masked_psnr(prediction: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> 
 
 
 def tiled_ssim(prediction: np.ndarray, truth: np.ndarray, tiles: Tiles) -> float:
-    """Mean SSIM over the windows that lie within one tile, so that no window covers both halves, and are centred on a
-    valid pixel. Images and masks as for `metrics.ssim`."""
+    """Mean SSIM over the windows within one tile, centred on a valid pixel. Images and masks as for `ssim`."""
     similarity = ssim_map(*unmasked(prediction, truth, tiles.mask))
     reach = tiles.half.shape[0] - similarity.shape[0]  # size of a window minus one pixel
     first, last = slice(None, similarity.shape[0]), slice(reach, None)
@@ -93,8 +84,7 @@ def tiled_ssim(prediction: np.ndarray, truth: np.ndarray, tiles: Tiles) -> float
 
 
 def _inner(index: np.ndarray, side: int, margin: int) -> np.ndarray:
-    """Which pixels of a line lie at least `margin` from the borders between tiles; the ends of the image aren't
-    borders."""
+    """Which pixels of a line are at least `margin` from the borders between tiles, the image's ends excluded."""
     place, tile = index % side, index // side
     return ((place >= margin) | (tile == 0)) & ((place < side - margin) | (tile == tile[-1]))
 

@@ -1,4 +1,4 @@
-"""A method's prediction of a held-out photograph, given two fitted numbers of its lens and its colours."""
+"""A method's prediction of a held-out photograph by a fitted lens (two numbers) and colours."""
 
 from __future__ import annotations
 
@@ -27,17 +27,16 @@ from dofbench.evaluation.scoring.photographs.search import (
 from dofbench.optics.tone import decode, encode
 
 HALVES = (0, 1)
-REDUCED = 256  # px, about the width at which the search begins
-LARGEST_SIGMA = 0.04  # share of the width; a Gaussian of this sigma is as wide as a disc of twice that radius
-_RANGE = 2.0, 98.0  # percentiles of a view's disparities between which the search takes place
+REDUCED = 256  # px, approximate width at the start of the search
+LARGEST_SIGMA = 0.04  # share of the width; as wide as a disc of twice that radius
+_RANGE = 2.0, 98.0  # percentiles of a view's disparities, the range of the search
 
 
 @dataclass(frozen=True, eq=False)
 class HalfFit:
-    """The fit on one half, by which the other half is predicted. lens: None for a method without a lens. sigma: px, of
-    the Gaussian blur of the rendering without a lens, None if it wasn't asked for. renders: numbers of renderings at
-    the reduced and the full size for this half, with those of the grid and with sketches (`Sketches`). cost: mean
-    squared error on the fitted half."""
+    """The fit on one half, by which the other half is predicted. lens: None without a lens. sigma: px, of the Gaussian
+    blur of the all-in-focus rendering, or None. renders: number of renderings at the reduced and the full size, grid
+    and sketches (`Sketches`) included. cost: mean squared error on the fitted half."""
 
     fitted_on: int
     lens: PhysicalLens | None
@@ -48,10 +47,9 @@ class HalfFit:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """The prediction of a photograph. picture, blurred: (H, W, 3) float32 at 8-bit levels, by the lens and by one
-    Gaussian blur (equal for a method without a lens; blurred is None if it wasn't asked for); every tile is predicted
-    by the fit on the other half. refused: why there is no lens, "" if there is one. bad: number of values of a
-    rendering that weren't finite; if it isn't 0, there is no picture. seconds: wall time."""
+    """The prediction of a photograph, every tile by the fit on the other half. picture, blurred: (H, W, 3) float32 at
+    8-bit levels, by the lens and by one Gaussian blur (equal without a lens; blurred may be None). refused: why there
+    is no lens, or "". bad: number of non-finite values; there is no picture then. seconds: wall time."""
 
     picture: np.ndarray | None
     blurred: np.ndarray | None
@@ -63,7 +61,7 @@ class Prediction:
 
     @staticmethod
     def by_blur(image: np.ndarray, photograph: np.ndarray, tiles: Tiles, refused: str, start: float) -> Prediction:
-        """The prediction from a rendering without a lens, by the Gaussian blur that fits best."""
+        """The prediction by the best Gaussian blur of the all-in-focus rendering."""
         gaussian = _fit_sigmas(image, photograph, tiles)
         blurred = assembled([found for _, found in gaussian], photograph, tiles)
         halves = tuple(
@@ -74,8 +72,7 @@ class Prediction:
 
 
 def sharp_rendering(method: Method, camera: Camera) -> tuple[np.ndarray, np.ndarray, int]:
-    """The rendering without a lens: (image (H, W, 3), depth (H, W) in scene units, how many values of the image aren't
-    finite).
+    """The rendering without a lens: image (H, W, 3), depth (H, W) in scene units, number of non-finite image values.
 
     Raises ValueError for an image of another size than the camera's.
     """
@@ -97,13 +94,10 @@ def predict(
 ) -> Prediction:
     """Fit lens and colours on each half of the photograph, and predict the other half.
 
-    mask: (H, W) bool, True for the pixels that are fitted and scored; None for all.
-
-    photograph: (H, W, 3) float32, encoded. learned: the lenses of the training views, as a starting point of the
-    search. cameras: theirs, from which the lenses are transferred to `camera`; without, all are `camera`. no_lens: why
-    the method has no lens, if that is known; a method that raises ValueError for a lens has none either. For a method
-    without a lens, the best Gaussian blur is used instead. Raises ValueError when the method renders an image of
-    another size.
+    photograph: (H, W, 3) float32, encoded. learned: lenses of the training views, where the search starts. cameras:
+    theirs, from which the lenses are transferred to `camera`; None if all are `camera`. no_lens: why the method has no
+    lens, if known; a method that raises ValueError for a lens has none either, and the best Gaussian blur is used.
+    mask: (H, W) bool, True for fitted and scored pixels; None for all. Raises ValueError for an image of another size.
     """
     start = time.perf_counter()
     tiles = Tiles.of(camera.height, camera.width, mask)
@@ -133,10 +127,9 @@ def _steps(at: np.ndarray) -> tuple[float, float]:
 
 class LensSearch:
     """The search for one view's lens. The grid is rendered once for both halves; each half's simplex starts from its
-    best grid point. A method that `Sketches` is searched by its sketches, and renders only what is found.
+    best grid point. A method that `Sketches` is searched by sketches, and renders only the lens found.
 
-    starts: the grid points, arrays from which `lens` makes a lens. steps: the simplex's first steps from a point, at
-    the reduced and at the full size.
+    starts: grid points, from which `lens` makes a lens. steps: the simplex's first steps at the reduced and full size.
     """
 
     def __init__(
@@ -157,8 +150,7 @@ class LensSearch:
         self._grid = [(at, self._render(self._small, lens(at))) for at in starts]
 
     def prediction(self, effort: Effort, start: float) -> Prediction:
-        """The fits of both halves, and their prediction. start: time at which the work began, by
-        `time.perf_counter`."""
+        """The fits of both halves, and their prediction. start: of the work, by `time.perf_counter`."""
         found = [self._half(half, effort) for half in HALVES]
         bad = max(int(one.image.size - np.count_nonzero(np.isfinite(one.image))) for one, _ in found)
         halves = tuple(
@@ -169,30 +161,24 @@ class LensSearch:
         return Prediction(picture, None, halves, self._tiles, "", bad, time.perf_counter() - start)
 
     def _half(self, half: int, effort: Effort) -> tuple[Found, tuple[int, int]]:
-        """(best, renders at the reduced and the full size) of the fit on that half."""
-        small = partial(
-            _cost, photograph=shrink(self._photograph, self._factor), mask=self._tiles.shrunk(self._factor, half)
-        )
-        at, _ = min(self._grid, key=lambda pair: small(pair[1]))
-        coarse = simplex(
-            lambda at: self._render(self._small, self._lens(at)), small, at, effort.coarse, self._steps(at)[0]
-        )
+        """The best fit on a half, and the number of renderings at the reduced and the full size."""
+        shrunk = shrink(self._photograph, self._factor)
+        small = partial(_cost, photograph=shrunk, mask=self._tiles.shrunk(self._factor, half))
         full = partial(_cost, photograph=self._photograph, mask=self._tiles.fitted(half))
-        fine = simplex(
-            lambda at: self._render(self._camera, self._lens(at)),
-            full,
-            coarse.at,
-            effort.fine,
-            self._steps(coarse.at)[1],
-        )
+
+        def render(camera: Camera) -> Callable[[np.ndarray], np.ndarray]:
+            return lambda at: self._render(camera, self._lens(at))
+
+        at, _ = min(self._grid, key=lambda pair: small(pair[1]))
+        coarse = simplex(render(self._small), small, at, effort.coarse, self._steps(at)[0])
+        fine = simplex(render(self._camera), full, coarse.at, effort.fine, self._steps(coarse.at)[1])
         if isinstance(self._method, Sketches):
             image = self._render(self._camera, self._lens(fine.at), sketched=False)
             fine = Found(fine.at, full(image), image, fine.renders + 1)
         return fine, (len(self._grid) + coarse.renders, fine.renders)
 
     def _render(self, camera: Camera, lens: PhysicalLens, *, sketched: bool = True) -> np.ndarray:
-        # The reduced camera may lack the last pixels at its edge; its circles of confusion are smaller by exactly
-        # `factor`.
+        # The reduced camera may lack the last pixels at its edge; its CoC radii are smaller by exactly `factor`.
         lens = replace(lens, width=camera.width * (self._factor if camera is self._small else 1))
         if not (sketched and isinstance(self._method, Sketches)):
             return checked_image(self._method.render(camera, lens).image, camera)
@@ -202,7 +188,7 @@ class LensSearch:
 
 
 def _fit_sigmas(image: np.ndarray, photograph: np.ndarray, tiles: Tiles) -> list[tuple[float, np.ndarray]]:
-    """For each half (sigma, image blurred by sigma in linear light), for the Gaussian of least cost on that half."""
+    """The Gaussian blur of least cost on each half: sigma, and the image blurred in linear light."""
     from scipy.ndimage import gaussian_filter
 
     linear = decode(np.clip(image, 0.0, 1.0))
@@ -211,16 +197,12 @@ def _fit_sigmas(image: np.ndarray, photograph: np.ndarray, tiles: Tiles) -> list
     def blurred(sigma: float) -> np.ndarray:
         return image if sigma == 0 else encode(gaussian_filter(linear, (sigma, sigma, 0), mode="nearest", truncate=3))
 
-    return [
-        best_sigma(
-            blurred, partial(_cost, photograph=photograph, mask=tiles.fitted(half)), LARGEST_SIGMA * image.shape[1]
-        )
-        for half in HALVES
-    ]
+    costs = [partial(_cost, photograph=photograph, mask=tiles.fitted(half)) for half in HALVES]
+    return [best_sigma(blurred, cost, LARGEST_SIGMA * image.shape[1]) for cost in costs]
 
 
 def _cost(image: np.ndarray, photograph: np.ndarray, mask: np.ndarray) -> float:
-    """Mean squared error on the masked pixels, colours fitted on them; infinite where a value isn't finite."""
+    """Mean squared error on the masked pixels with fitted colours; infinite for a non-finite value."""
     prediction, truth = image[mask], photograph[mask]
     if not np.isfinite(prediction).all():
         return float("inf")
@@ -228,8 +210,7 @@ def _cost(image: np.ndarray, photograph: np.ndarray, mask: np.ndarray) -> float:
 
 
 def assembled(images: list[np.ndarray], photograph: np.ndarray, tiles: Tiles) -> np.ndarray:
-    """(H, W, 3) at 8-bit levels: each half from the image that was fitted on the other half, with the colours fitted
-    there."""
+    """(H, W, 3) at 8-bit levels: each half from the image and colours fitted on the other half."""
     picture = np.zeros_like(photograph, dtype=np.float32)
     for half, image in zip(HALVES, images, strict=True):
         own, other = tiles.fitted(half), tiles.half == 1 - half
@@ -238,21 +219,17 @@ def assembled(images: list[np.ndarray], photograph: np.ndarray, tiles: Tiles) ->
 
 
 def frame_of(depth: np.ndarray, camera: Camera, learned: Mapping[str, PhysicalLens] | None) -> Frame | None:
-    """The frame of a view's lenses: the range of disparities of its depth (H, W), or of the learned foci if there is no
-    depth; None without both."""
+    """The frame by the range of disparities of the depth (H, W), or of the learned foci; None without both."""
     known = depth[np.isfinite(depth) & (depth > 0)]
-    disparities = (
-        1.0 / known.astype(np.float64)
-        if known.size
-        else np.array([lens.focus_disparity for lens in (learned or {}).values()])
-    )
+    foci = np.array([lens.focus_disparity for lens in (learned or {}).values()])
+    disparities = 1.0 / known.astype(np.float64) if known.size else foci
     if not np.any(disparities > 0):
         return None
     return Frame(DisparityRange.of_disparity(disparities, *_RANGE), camera.width)
 
 
 def refusal(method: Method, camera: Camera, frame: Frame) -> str:
-    """Why the method can't render through a lens: the text of its ValueError, or "" if it can."""
+    """Why the method can't render with a lens: the text of its ValueError, or "" if it can."""
     if isinstance(method, Sketches):
         return ""
     small = camera.binned(max(1, round(camera.width / REDUCED)))
@@ -266,10 +243,8 @@ def refusal(method: Method, camera: Camera, frame: Frame) -> str:
 def median_lens(
     learned: Mapping[str, PhysicalLens] | None, cameras: Mapping[str, Camera] | None, camera: Camera
 ) -> PhysicalLens | None:
-    """Median aperture and median focus of learned lenses, on `camera`; None without any.
-
-    cameras: that of every learned lens, by the same names; None where all are `camera`'s, at any size.
-    """
+    """Median aperture and focus of learned lenses, on `camera`; None without any. cameras: of the lenses, by name; None
+    if all are `camera`'s, at any size."""
     if not learned:
         return None
     taken = dict.fromkeys(learned, camera) if cameras is None else cameras
@@ -279,7 +254,7 @@ def median_lens(
 
 
 def checked_image(image: np.ndarray, camera: Camera) -> np.ndarray:
-    """The rendered image; raises ValueError unless it has the camera's size."""
+    """The rendered image. Raises ValueError unless it has the camera's size."""
     found = np.asarray(image)
     expected = (camera.height, camera.width, 3)
     if found.shape != expected:

@@ -1,8 +1,5 @@
-"""Search for the lens, or the Gaussian blur, with which a prediction fits a photograph best: a grid, then Nelder and
-Mead's simplex.
-
-Only `cost` decides, which is computed on the fitted half of the photograph alone.
-"""
+"""Search for the lens or Gaussian blur of least `cost`, on the fitted half of a photograph: a grid, then
+Nelder-Mead."""
 
 from __future__ import annotations
 
@@ -16,19 +13,14 @@ from dofbench.core.lens import COC_FRACTION, DisparityRange, PhysicalLens
 
 Cost = Callable[[np.ndarray], float]  # error of an image
 
-# Apertures of the grid: signed circle of confusion over the view's disparity range, in units of the paper's largest (A
-# = 1).
-APERTURES = (0.25, 0.5, 1.0, 2.0, 4.0)
-# Circles of confusion below this share of the width are invisible, and so are differences of focus below this share of
-# the disparity range.
-LEAST_STEP = 0.001
+APERTURES = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the grid: CoC radius over the disparity range, in units of A = 1
+LEAST_STEP = 0.001  # share of the width, or of the disparity range, below which CoC radii or foci are the same
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How thorough a search is. apertures: how many of `APERTURES` are tried, starting with the second if not all are.
-    focuses: focus values of the grid. coarse, fine: renderings of the simplex, at the reduced and at the full size.
-    blur: whether to predict by one Gaussian blur too if the method has a lens."""
+    """Size of a search. apertures: number of `APERTURES`, starting with the second if not all. focuses: of the grid.
+    coarse, fine: renderings of the simplex at the reduced and the full size. blur: also fit one Gaussian blur."""
 
     apertures: int
     focuses: int
@@ -43,58 +35,49 @@ QUICK = Effort(apertures=3, focuses=3, coarse=8, fine=1)
 
 @dataclass(frozen=True)
 class Frame:
-    """The disparity range (1 / scene unit) and the image width in pixels that signed circles of confusion refer to.
+    """The disparity range (1 / scene unit) and image width (pixels) of signed CoC radii.
 
-    A lens is given here by its signed circles at both ends of the range, as shares of the width. Both affect the
-    picture equally strongly and continuously through zero, whereas a focus F has no effect when the aperture A is
-    small.
+    A lens is given by its signed radii at both ends of the range, as shares of the width. Both affect the image equally
+    and continuously through zero, whereas a focus F has no effect at a small aperture A.
     """
 
     disparities: DisparityRange
     width: int
 
     def lens(self, ends: np.ndarray) -> PhysicalLens:
-        """The lens with these signed circles at q_min and q_max. A change of both signs gives the same blur."""
+        """The lens with these signed radii at q_min and q_max; both negated give the same blur."""
         low, high = float(ends[0]), float(ends[1])
         slope = high - low
-        least = 1e-6  # equal circles mean a focus very far outside the range; slope 0 would have no focus
+        least = 1e-6  # slope 0 would have no focus
         if abs(slope) < least:
             slope = math.copysign(least, slope)
         focus = self.disparities.q_min - low / slope * self.disparities.extent
         return PhysicalLens(abs(slope) * self.width / self.disparities.extent, focus, self.width)
 
     def ends(self, lens: PhysicalLens) -> np.ndarray:
-        """(2,) signed circles of a lens, the inverse of `lens`."""
+        """(2,) signed radii of a lens, the inverse of `lens`."""
         ends = np.array([self.disparities.q_min, self.disparities.q_max])
         return np.asarray(lens.signed_radius(ends, self.width)) / self.width
 
 
 def lens_grid(frame: Frame, learned: PhysicalLens | None, effort: Effort) -> list[PhysicalLens]:
-    """The grid of lenses: a lens without blur, and every aperture with every focus, including those of `learned`, a
-    lens of the view's camera."""
+    """The grid: a lens without blur, and every aperture with every focus, including those of the `learned` lens."""
     first = 0 if effort.apertures == len(APERTURES) else 1
     disparities, width = frame.disparities, frame.width
     apertures = [COC_FRACTION * a * width / disparities.extent for a in APERTURES[first : first + effort.apertures]]
     focuses = list(np.linspace(disparities.q_min, disparities.q_max, effort.focuses))
     if learned is not None:
         apertures.append(learned.aperture_at(width))
-        # Clipped, because a focus far outside the range would blur everything equally.
-        focuses.append(
-            float(
-                np.clip(
-                    learned.focus_disparity,
-                    disparities.q_min - disparities.extent,
-                    disparities.q_max + disparities.extent,
-                )
-            )
-        )
+        # A focus far outside the range would blur everything equally.
+        ends = disparities.q_min - disparities.extent, disparities.q_max + disparities.extent
+        focuses.append(float(np.clip(learned.focus_disparity, *ends)))
     lenses = [PhysicalLens(float(a), float(f), width) for a in apertures for f in focuses if a > 0]
     return [PhysicalLens(0.0, float(focuses[0]), width), *lenses]
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """The best point of a search, its cost and its image; renders: number of images rendered."""
+    """The best point of a search, its cost and image. renders: number of renderings."""
 
     at: np.ndarray
     cost: float
@@ -102,15 +85,8 @@ class Found:
     renders: int
 
 
-def simplex(
-    render: Callable[[np.ndarray], np.ndarray],
-    cost: Cost,
-    start: np.ndarray,
-    most: int,
-    step: float,
-) -> Found:
-    """Nelder and Mead's simplex from `start`, with at most `most` renderings including that of `start`. step: size of
-    the first step along each coordinate."""
+def simplex(render: Callable[[np.ndarray], np.ndarray], cost: Cost, start: np.ndarray, most: int, step: float) -> Found:
+    """Nelder-Mead from `start` with at most `most` renderings. step: first step along each coordinate."""
     from scipy.optimize import minimize
 
     best: list[Found] = []
@@ -127,18 +103,13 @@ def simplex(
     if most < len(corners):
         value(start)
     else:
-        asked = minimize(
-            value,
-            start,
-            method="Nelder-Mead",
-            options={"initial_simplex": corners, "maxfev": most, "xatol": LEAST_STEP / 10, "fatol": 0.0},
-        ).nfev
+        options = {"initial_simplex": corners, "maxfev": most, "xatol": LEAST_STEP / 10, "fatol": 0.0}
+        asked = minimize(value, start, method="Nelder-Mead", options=options).nfev
     return Found(best[0].at, best[0].cost, best[0].image, asked)
 
 
 def best_sigma(blurred: Callable[[float], np.ndarray], cost: Cost, largest: float) -> tuple[float, np.ndarray]:
-    """(sigma, image): the Gaussian blur of least cost, 0 to `largest` pixels: a grid, then five refinements that halve
-    the spacing around the best value."""
+    """(sigma, image) of the Gaussian blur of least cost, 0 to `largest` pixels: a grid, then five bisections."""
     tried: dict[float, float] = {}
 
     def value(sigma: float) -> float:
@@ -146,7 +117,7 @@ def best_sigma(blurred: Callable[[float], np.ndarray], cost: Cost, largest: floa
             tried[sigma] = cost(blurred(sigma))
         return tried[sigma]
 
-    # A geometric grid, since the visible difference between two blurs is relative to their size.
+    # Geometric, since the visible difference between two blurs is relative to their size.
     grid = [0.0, *(largest * 2.0 ** (-k / 2) for k in range(12, -1, -1))]
     best = min(range(len(grid)), key=lambda index: value(grid[index]))
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]

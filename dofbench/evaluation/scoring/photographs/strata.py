@@ -1,7 +1,7 @@
-"""Where the photographs of one aperture are more blurred than those of another, decided by the photographs alone.
+"""Where images of one aperture are more blurred than those of another, by the images alone.
 
-At every sparse point, the energy of gradients around it in the training photographs is compared with that in the test
-photographs. The points don't depend on any method's depth, so no method is favoured.
+At every sparse point, the gradient energy in the training views is compared with that in the test views. No method's
+depth is used, so no method is favoured.
 """
 
 from __future__ import annotations
@@ -15,25 +15,22 @@ from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
 from dofbench.scenes.visibility import visible
 
-# Px, sigmas of Gaussians: smoothing against noise before gradients are taken; window around a point
-SMOOTH, WINDOW = 1.0, 3.0
-VIEWS = 3  # fewest training and fewest test photographs that must see a point, for a meaningful median
-FEWEST = 64  # fewest such points for a meaningful map
-NEAREST = 8  # number of nearest points from which a pixel's value is interpolated
-_LEAST = 1e-6  # energies of gradients below this are raised to it
+SMOOTH, WINDOW = 1.0, 3.0  # px, sigmas: smoothing before gradients; window around a point
+VIEWS = 3  # fewest training and test views of a point
+FEWEST = 64  # fewest such points for a map
+NEAREST = 8  # points from which a pixel's value is interpolated
+_LEAST = 1e-6  # smallest gradient energy
 
-# A photograph: its camera, its image (H, W, 3), encoded, and its mask (H, W), True where valid, or None
-Shot = tuple[Camera, np.ndarray, np.ndarray | None]
+Shot = tuple[Camera, np.ndarray, np.ndarray | None]  # camera, image (H, W, 3), encoded, mask (H, W) or None
 
 
 def sharpness_ratio(points: PointCloud, training: Sequence[Shot], test: Sequence[Shot]) -> np.ndarray:
-    """(P,) energy of gradients around each point in the training photographs over that in the test photographs, medians
-    over the photographs; NaN for a point that fewer than three training or three test photographs see. Below 1: the
-    training photographs are more blurred.
+    """(P,) median gradient energy around each point in the training views over that in the test views.
 
-    Each energy is relative to the square of the local brightness, so that exposure doesn't count.
+    Below 1: the training views are more blurred. NaN for a point in fewer than three training or test views. Energies
+    are relative to the squared local brightness, so exposure has no influence.
     """
-    # Tracks are ignored: they list the views in which the point was detected, which are those where it is sharp
+    # Tracks are ignored: they list the views in which the point is sharp
     untracked = replace(points, views=None)
     medians = []
     for shots in (training, test):
@@ -51,7 +48,7 @@ def sharpness_ratio(points: PointCloud, training: Sequence[Shot], test: Sequence
 
 
 def gradient_energy(image: np.ndarray) -> np.ndarray:
-    """(H, W): energy of grey-level gradients around every pixel, relative to the squared grey level there."""
+    """(H, W): energy of grey-level gradients around every pixel, relative to the squared grey level."""
     from scipy.ndimage import gaussian_filter, sobel
 
     grey = gaussian_filter(image.astype(np.float64).mean(axis=2), SMOOTH)
@@ -60,9 +57,10 @@ def gradient_energy(image: np.ndarray) -> np.ndarray:
 
 
 def thirds(points: PointCloud, ratio: np.ndarray, camera: Camera, inside: np.ndarray) -> np.ndarray | None:
-    """(H, W) int8 of a view: 0 and 2 for the thirds of its scored pixels (`inside`) in which the training photographs
-    are most and least blurred against the test photographs, 1 between, -1 not scored. A pixel's value is the mean of
-    the ratio's logarithm at the eight nearest points, weighted by nearness. None with too few points.
+    """(H, W) int8 of a view: 0 and 2 for the thirds of its scored pixels (`inside`) in which the training views are
+    most and least blurred relative to the test views, 1 between, -1 not scored; None with too few points.
+
+    A pixel's value is the mean log ratio at the eight nearest points, weighted by nearness.
     """
     from scipy.spatial import cKDTree
 
