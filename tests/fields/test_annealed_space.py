@@ -9,7 +9,7 @@ from tolerances import FLOAT32_VALUE
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
-from dofbench.training.fields.annealed_space import AnnealedSpace
+from dofbench.training.fields.space import AnnealedSpace
 from dofbench.training.fields.unbounded import Unbounded
 
 

@@ -12,11 +12,10 @@ from tolerances import AS_IF_INFINITELY_FAR, FLOAT32_GRADIENT, FLOAT32_VALUE
 
 from dofbench.runtime.factored_grid import FieldRender
 from dofbench.runtime.ops import load
-from dofbench.training.fields.cube_rays import Space, points_along
+from dofbench.training.fields.cube_rays import RaysSeen, Space, points_along
 from dofbench.training.fields.field_options import FieldOptions, RayOptions
 from dofbench.training.fields.field_scene import FieldScene
 from dofbench.training.fields.grid_field import GridField, GridOptions
-from dofbench.training.fields.rays_seen import RaysSeen
 from dofbench.training.fields.space import Frustum
 from dofbench.training.fields.unbounded import Unbounded
 

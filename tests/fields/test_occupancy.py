@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 
 from dofbench.training.fields.cube_rays import CubeRays
+from dofbench.training.fields.field_scene import Occupancy
 from dofbench.training.fields.grid_field import GridField, GridOptions
-from dofbench.training.fields.occupancy import Occupancy
 
 CELLS = 8
 

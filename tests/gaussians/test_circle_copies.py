@@ -11,9 +11,8 @@ from blur_cases import CAMERA, copying, no_view, one_gaussian, shot
 from made_up import cloud, frontal
 from tolerances import ADAM_FIRST_STEP, FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_VALUE
 
-from dofbench.training.gaussians.blur_methods import CopiedOptions
-from dofbench.training.gaussians.forward.circle_copies import CircleCopies
-from dofbench.training.gaussians.forward.forward_model import BlurStart
+from dofbench.methods.cocogaussian.method import CircleCopies, CopiedOptions
+from dofbench.training.gaussians.forward_model import BlurStart
 from dofbench.training.gaussians.model import Gaussians
 
 
@@ -50,15 +49,15 @@ def test_a_copy_moves_and_grows_by_the_published_formulae() -> None:
 
 def test_copies_are_mixed_evenly_at_first() -> None:
     scene, blur = one_gaussian(2.0), copying(8.0, copies=2)
-    views = [scene.changed(CAMERA, changes) for changes in blur.copies(scene.gaussians.parameters, shot())]
+    views = [scene.rasterise_with(CAMERA, changes) for changes in blur.copies(scene.gaussians.parameters, shot())]
     expected = torch.stack(views).mean(dim=0).detach()
-    found = blur.photograph(scene, no_view(), shot()).detach()
+    found = blur.render(scene, no_view(), shot()).detach()
     np.testing.assert_allclose(found.numpy(), expected.numpy(), atol=FLOAT32_VALUE)
 
 
 def test_focus_and_networks_of_copies_learn() -> None:
     scene, blur = one_gaussian(2.0), copying(8.0, focus_lr=0.1)
-    blur.photograph(scene, no_view(), shot(1)).square().sum().backward()
+    blur.render(scene, no_view(), shot(1)).square().sum().backward()
     assert bool(torch.isfinite(blur.gradient()).all())
     blur.step(1, 0.0, 1.0)
     found = blur.focuses()
@@ -71,7 +70,7 @@ def test_the_rate_of_copies_falls_and_is_cooled_down() -> None:
     scene, blur = one_gaussian(2.0), copying(8.0, focus_lr=0.1, copies_lr=0.02)
     with torch.no_grad():
         blur._network.head.weight.normal_(0, 1e-2, generator=torch.Generator().manual_seed(1))
-    blur.photograph(scene, no_view(), shot(1)).square().sum().backward()
+    blur.render(scene, no_view(), shot(1)).square().sum().backward()
     before = blur._network.head.bias.detach().clone()
     blur.step(1, 1.0, 0.5)
     change = (blur._network.head.bias.detach() - before).abs().max()

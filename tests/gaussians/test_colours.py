@@ -184,7 +184,7 @@ def test_photographs_of_other_colours_are_made_again():
         )
         trainer.fit(Budget(), Recorder())
         errors[chosen] = np.mean(
-            [np.abs(trainer.photograph(index) - view.image).mean() for index, view in enumerate(views)]
+            [np.abs(trainer.render_view(index) - view.image).mean() for index, view in enumerate(views)]
         )
         assert (trainer.colour_estimates() is None) == (chosen == "off")
     assert errors["gain"] < errors["off"]
@@ -233,22 +233,22 @@ def test_only_at_or_above_the_white_of_a_clipped_channel_the_gradient_is_cut():
     prediction = torch.full((16, 16, 3), 1.3)
     prediction[:, 8:] = 0.8
     prediction.requires_grad_()
-    looked_at = losses.looked_at(prediction, target, clipped_white=True)
+    without_held_out = losses.without_held_out(prediction, target, clipped_white=True)
     free = (target == 1) & (prediction.detach() > 1)
     assert int(free.sum()) == 8 * 4 * 2
-    (looked_at - target).abs().sum().backward()
+    (without_held_out - target).abs().sum().backward()
     assert torch.equal(prediction.grad == 0, free)
     prediction.grad = None
-    losses.reconstruction(losses.looked_at(prediction, target, clipped_white=True), target, 0.4, None).backward()
+    losses.reconstruction(losses.without_held_out(prediction, target, clipped_white=True), target, 0.4, None).backward()
     assert torch.equal(prediction.grad == 0, free)
-    cost = (looked_at - target).abs().detach()
+    cost = (without_held_out - target).abs().detach()
     assert not cost[free].any() and torch.equal(cost[~free], (prediction - target).abs().detach()[~free])
 
 
 def test_one_level_below_white_isn_t_clipped():
     target = torch.full((12, 12, 3), 254 / 255)
     prediction = torch.full((12, 12, 3), 1.2)
-    assert torch.equal(losses.looked_at(prediction, target, clipped_white=True), prediction)
+    assert torch.equal(losses.without_held_out(prediction, target, clipped_white=True), prediction)
 
 
 def test_light_above_white_is_kept_where_the_blur_spreads_it():
@@ -266,7 +266,7 @@ def test_light_above_white_is_kept_where_the_blur_spreads_it():
         adam = torch.optim.Adam([image], lr=0.02)
         for _ in range(150):
             adam.zero_grad()
-            prediction = losses.looked_at(defocus(image, radius), photograph, clipped_white=clipped)
+            prediction = losses.without_held_out(defocus(image, radius), photograph, clipped_white=clipped)
             (prediction - photograph).abs().mean().backward()
             adam.step()
         errors[clipped] = abs(float(image.detach()[15:18, 15:18].mean()) - 1.6)

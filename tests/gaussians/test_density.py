@@ -1,5 +1,6 @@
 import math
 from dataclasses import asdict
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from dofbench.training.gaussians.density import DensityControl, DensityOptions, 
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.model import PARAMETERS, Gaussians, scene_extent
 from dofbench.training.gaussians.optimiser import GaussianOptimiser, RateOptions
-from dofbench.training.gaussians.vanilla import PrunedDensity
+
+splatting = import_module("dofbench.methods.3dgs.method")
 
 
 def _setup(count=12, **overrides):
@@ -74,7 +76,7 @@ def test_3dgs_removes_what_is_huge_after_the_first_reset(progress: float, left: 
     gaussians, optimiser, _ = _setup(count=4)
     with torch.no_grad():
         gaussians.parameters["log_scales"][:] = torch.tensor([0.05, 0.2, 0.4, 0.11]).log()[:, None]
-    options = PrunedDensity(densify_from=0.0, densify_every=1, reset_every=0.2, prune_scale=0.1)
+    options = splatting.PrunedDensity(densify_from=0.0, densify_every=1, reset_every=0.2, prune_scale=0.1)
     density = DensityControl(gaussians, optimiser, options, 1.0, torch.Generator().manual_seed(0))
     density._next_reset = 1.0  # opacities stay
     _record(gaussians, density, [2, 3])

@@ -9,8 +9,8 @@ from blur_cases import CAMERA, RANGE, enlarging, no_view, one_gaussian, shot, wi
 from made_up import frontal
 from tolerances import FLOAT32_SCALAR, FLOAT32_VALUE
 
-from dofbench.training.gaussians.forward.gaussian_network import GaussianNetwork
-from dofbench.training.gaussians.forward.shot import Shot
+from dofbench.training.gaussians.blur_network import GaussianNetwork
+from dofbench.training.gaussians.forward_model import Shot
 
 
 @pytest.mark.parametrize(("output", "factor"), [(0.0, 1.0), (-50.0, 1.0), (3.0, 1.02), (11.0, 1.1), (50.0, 1.1)])
@@ -20,7 +20,7 @@ def test_scales_grow_by_the_published_factor(output: float, factor: float) -> No
     blur = with_outputs(enlarging(), output, 0.0)
     found = blur.enlarged(scene.gaussians.parameters, shot())["log_scales"] - scene.gaussians.parameters["log_scales"]
     assert found.detach().exp().unique().tolist() == pytest.approx([factor], rel=FLOAT32_SCALAR)
-    image = blur.photograph(scene, no_view(), shot())
+    image = blur.render(scene, no_view(), shot())
     expected = one_gaussian(2.0 * factor).rasterise(CAMERA, "none").color
     np.testing.assert_allclose(image.detach().numpy(), expected.detach().numpy(), atol=FLOAT32_VALUE)
 

@@ -13,8 +13,9 @@ from tolerances import FLOAT32_VALUE
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import Status
+from dofbench.methods.cocogaussian.method import CoCoGaussian
+from dofbench.methods.deblurring3dgs.method import Deblurring3DGS
 from dofbench.runtime.raster import ViewStatistics
-from dofbench.training.gaussians.blur_methods import Copied, Enlarged
 from dofbench.training.gaussians.density import DensityControl, DensityOptions
 from dofbench.training.gaussians.extra_points import ExtraOptions, GrowingOnce, drawn_between, neighbour_distances
 from dofbench.training.gaussians.model import Gaussians
@@ -105,7 +106,7 @@ def test_none_are_added_unless_asked() -> None:
     assert not density.after_step(1, 0.5) and len(gaussians) == 100
 
 
-@pytest.mark.parametrize("kind", [Enlarged, Copied])
+@pytest.mark.parametrize("kind", [Deblurring3DGS, CoCoGaussian])
 def test_a_training_goes_on_with_them(kind) -> None:
     options = {"steps": 60, "sh_degree": 1, "densify_from": 0.9, "reset_every": 0.0, "extra_points": 200}
     method = kind(options, 0, "cpu")

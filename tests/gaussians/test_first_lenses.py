@@ -13,8 +13,7 @@ from tolerances import FLOAT64_VALUE, LENS_FLOOR
 from dofbench.core.errors import InputError
 from dofbench.core.image_files.exif import Exif
 from dofbench.core.lens import DisparityRange
-from dofbench.training.common.first_lenses import first_lenses, foci_by_exif
-from dofbench.training.common.lenses import LensOptions
+from dofbench.training.common.lenses import LensOptions, first_lenses, foci_by_exif
 
 RANGE = DisparityRange(0.1, 0.6)
 

@@ -7,9 +7,9 @@ import torch
 from blur_cases import CAMERA, RANGE, one_gaussian, shot
 from tolerances import FLOAT32_VALUE
 
-from dofbench.training.common.training_views import Photograph
-from dofbench.training.gaussians.forward.focused_blur import FocusedBlur, FocusOptions
-from dofbench.training.gaussians.forward.forward_model import BlurOptions, SharpView
+from dofbench.methods.dofgs.method import FocusedBlur, FocusOptions
+from dofbench.training.common.views import ScaledView
+from dofbench.training.gaussians.forward_model import BlurOptions, SharpView
 
 
 def test_the_sharp_view_is_compared_where_the_photograph_is_in_focus() -> None:
@@ -17,7 +17,7 @@ def test_the_sharp_view_is_compared_where_the_photograph_is_in_focus() -> None:
     scene = one_gaussian(4.0)
     raster = scene.rasterise(CAMERA, "depth")
     image = torch.full((36, 48, 3), 0.25)
-    view = Photograph(0, "v", CAMERA, image, None, None)
+    view = ScaledView(0, "v", CAMERA, image, None, None)
     focus = float(RANGE.normalise(torch.tensor(0.25)))
     model = FocusedBlur(BlurOptions(), FocusOptions(in_focus_weight=3.0, in_focus_circle=0.5))
     cost = model.cost(SharpView(lambda: raster), shot(0, 2.0, -2.0 * focus), view)
@@ -29,5 +29,5 @@ def test_the_sharp_view_is_compared_where_the_photograph_is_in_focus() -> None:
     assert 0 < int(drawn.sum()) < drawn.numel()
     # Focused elsewhere nothing is compared, held-back pixels never.
     assert model.cost(SharpView(lambda: raster), shot(0, 2.0, -2.0 * (focus + 0.5)), view) == 0
-    kept = Photograph(0, "v", CAMERA, image, None, torch.ones(36, 48, dtype=torch.bool))
+    kept = ScaledView(0, "v", CAMERA, image, None, torch.ones(36, 48, dtype=torch.bool))
     assert float(model.cost(SharpView(lambda: raster), shot(0, 2.0, -2.0 * focus), kept).detach()) == 0

@@ -14,16 +14,16 @@ from tolerances import FLOAT32_VALUE
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
 from dofbench.core.lens import PhysicalLens
-from dofbench.training.gaussians.blur_methods import Copied, Enlarged, Focused, Masked, Proposed, UniformlyBlurred
-from dofbench.training.gaussians.exposure import StillRasteriser
-from dofbench.training.gaussians.forward.enlarged_gaussians import EnlargedGaussians, EnlargingOptions
-from dofbench.training.gaussians.forward.forward_model import BlurOptions, BlurStart, SharpView
-from dofbench.training.gaussians.forward.lens_samples import LensSamples
-from dofbench.training.gaussians.forward.own_blur import OwnBlur
-from dofbench.training.gaussians.forward.pinhole import Pinhole
-from dofbench.training.gaussians.forward.scatter_blur import ScatterBlur, ScatterOptions
-from dofbench.training.gaussians.forward.uniform_blur import UniformBlur, UniformBlurOptions
+from dofbench.methods.bags.method import BAGS
+from dofbench.methods.cocogaussian.method import CoCoGaussian
+from dofbench.methods.deblurring3dgs.method import Deblurring3DGS, EnlargedGaussians, EnlargingOptions
+from dofbench.methods.dofgs.method import DOFGS
+from dofbench.methods.gsplat_deblur.method import MaskedDeblurring
+from dofbench.methods.rgs.method import RobustSplatting, UniformBlur, UniformBlurOptions
+from dofbench.training.gaussians.forward_model import BlurOptions, BlurStart, SharpView
 from dofbench.training.gaussians.gaussian_method import GaussianMethod
+from dofbench.training.gaussians.lens_models import LensSamples, OwnBlur, Pinhole, ScatterBlur, ScatterOptions
+from dofbench.training.gaussians.lens_renderer import StillRasteriser
 from dofbench.training.gaussians.model import PARAMETERS, Gaussians
 
 SHORT = {"steps": 90, "sh_degree": 1, "densify_from": 0.1, "densify_every": 20, "reset_every": 0.0}
@@ -39,7 +39,7 @@ def trained(kind: type[GaussianMethod], **options) -> GaussianMethod:
 def test_what_a_blur_begins_with_lies_where_the_gaussians_do() -> None:
     gaussians = Gaussians({name: torch.zeros(5, 3, device="meta") for name in PARAMETERS})
     start = BlurStart(gaussians, cameras(), 1.0, torch.Generator())
-    assert start.device == torch.device("meta") and start.place.device == start.device
+    assert start.means.device == torch.device("meta") and start.centre.device == start.means.device
 
 
 @pytest.mark.parametrize(
@@ -60,21 +60,21 @@ def test_a_model_says_what_it_needs(model, monkeypatch: pytest.MonkeyPatch) -> N
     """The sharp view is rasterised before the model, under its own name in the table of times; what rasterises from
     points of the lens is compiled before training."""
     scene, looked, moved = one_gaussian(3.0), [], []
-    from_points = scene.from_points
-    monkeypatch.setattr(scene, "from_points", lambda *given: moved.append(1) or from_points(*given))
+    from_points = scene.rasterise_from_points
+    monkeypatch.setattr(scene, "rasterise_from_points", lambda *given: moved.append(1) or from_points(*given))
     sharp = SharpView(lambda: looked.append(1) or scene.rasterise(CAMERA, "depth"))
-    model.photograph(scene, sharp, shot(slope=0.1))
-    assert (model.looks, model.from_points) == (bool(looked), bool(moved))
+    model.render(scene, sharp, shot(slope=0.1))
+    assert (model.needs_sharp_render, model.samples_aperture) == (bool(looked), bool(moved))
 
 
-@pytest.mark.parametrize("kind", [UniformlyBlurred, Enlarged, Masked, Copied, Proposed])
+@pytest.mark.parametrize("kind", [RobustSplatting, Deblurring3DGS, MaskedDeblurring, CoCoGaussian, BAGS])
 def test_what_is_learned_explains_the_photographs_and_is_left_out_of_renderings(kind, tmp_path) -> None:
     enlarged = {"enlarge_lambda": 1.0, "enlarge_most": 3.0}
-    strong = {UniformlyBlurred: {"view_blur_init": 20.0}, Copied: {}, Proposed: {}}.get(kind, enlarged)
+    strong = {RobustSplatting: {"view_blur_init": 20.0}, CoCoGaussian: {}, BAGS: {}}.get(kind, enlarged)
     method = trained(kind, **strong)
     trainer = method._trainer
     sharp = method.render(cameras()[0], None).image
-    assert np.abs(trainer.photograph(0) - sharp).max() > 0.01
+    assert np.abs(trainer.render_view(0) - sharp).max() > 0.01
     assert method.lens_estimates() is None
     with pytest.raises(ValueError, match="no lens"):
         method.render(cameras()[0], PhysicalLens(1.0, 0.2, 48))
@@ -84,22 +84,22 @@ def test_what_is_learned_explains_the_photographs_and_is_left_out_of_renderings(
     np.testing.assert_allclose(loaded.render(cameras()[0], None).image, sharp, atol=FLOAT32_VALUE)
 
 
-@pytest.mark.parametrize("kind", [UniformlyBlurred, Enlarged])
+@pytest.mark.parametrize("kind", [RobustSplatting, Deblurring3DGS])
 def test_a_snapshot_has_the_blur(kind) -> None:
-    method = trained(kind, **({} if kind is UniformlyBlurred else {"enlarge_lambda": 0.1, "enlarge_most": 9.0}))
+    method = trained(kind, **({} if kind is RobustSplatting else {"enlarge_lambda": 0.1, "enlarge_most": 9.0}))
     state = method._trainer.state
-    before, kept = method._trainer.photograph(0), state.snapshot()
+    before, kept = method._trainer.render_view(0), state.snapshot()
     state.blur.step(0, 0.0, 1.0)
-    image = state.forward.at(0.9).photograph(StillRasteriser(state.gaussians, BARE), no_view(), shot(0))
+    image = state.forward.at(0.9).render(StillRasteriser(state.gaussians, BARE), no_view(), shot(0))
     (-image.sum()).backward()  # a step enlarges
     state.blur.step(0, 0.0, 100.0)
-    assert not np.array_equal(method._trainer.photograph(0), before)
+    assert not np.array_equal(method._trainer.render_view(0), before)
     state.restore(kept)
-    np.testing.assert_array_equal(method._trainer.photograph(0), before)
+    np.testing.assert_array_equal(method._trainer.render_view(0), before)
 
 
 def test_dof_gs_learns_lenses_and_refocuses() -> None:
-    method = trained(Focused)
+    method = trained(DOFGS)
     lenses = method.lens_estimates()
     assert set(lenses) == {"v0", "v1", "v2"}
     stages = method._trainer.stages
@@ -109,9 +109,9 @@ def test_dof_gs_learns_lenses_and_refocuses() -> None:
 
 
 def test_what_defines_a_method_cannot_be_set() -> None:
-    for kind, option in ((UniformlyBlurred, "lens"), (Focused, "lens_rings"), (Focused, "lens_trials")):
+    for kind, option in ((RobustSplatting, "lens"), (DOFGS, "lens_rings"), (DOFGS, "lens_trials")):
         assert option not in {listed.name for listed in kind.available_options()}
         with pytest.raises(InputError, match=option):
             kind({option: 1}, 0, "cpu")
-    own = {listed.name: listed for listed in Enlarged.available_options()}
+    own = {listed.name: listed for listed in Deblurring3DGS.available_options()}
     assert own["enlarge_most"].default == 1.1 and "ssim_weight" in own

@@ -17,17 +17,21 @@ from tolerances import (
 from dofbench.core.cameras import Camera
 from dofbench.core.lens import DisparityRange, Lens
 from dofbench.runtime.raster import ViewStatistics
-from dofbench.training.gaussians.exposure import StillRasteriser, render_view
 from dofbench.training.gaussians.forward import lens_samples
-from dofbench.training.gaussians.forward.forward_model import BlurOptions
-from dofbench.training.gaussians.forward.lens_pattern import cell_variance, lens_points
-from dofbench.training.gaussians.forward.lens_samples import circles_in_view, together, views_from_lens
-from dofbench.training.gaussians.forward.scatter_blur import ScatterBlur, ScatterOptions
-from dofbench.training.gaussians.forward.shot import Shot
+from dofbench.training.gaussians.forward_model import BlurOptions, Shot
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.gaussians.lens_models import (
+    ScatterBlur,
+    ScatterOptions,
+    circles_in_view,
+    together,
+    views_from_lens,
+)
+from dofbench.training.gaussians.lens_pattern import cell_variance, lens_points
+from dofbench.training.gaussians.lens_renderer import StillRasteriser, render_view
 from dofbench.training.gaussians.model import Gaussians
 from dofbench.training.gaussians.render import AppearanceOptions, rasterise, rasterise_from_points
-from dofbench.training.gaussians.step_rasteriser import summed
+from dofbench.training.gaussians.training_step import summed
 
 WIDTH, HEIGHT = 96, 72
 BOUNDS = DisparityRange(0.1, 0.5)
@@ -208,7 +212,7 @@ def test_without_gradient_to_depth_the_lens_still_learns():
     gaussians, statistics = _scene([2.5, 6.0], count=300), []
 
     class Counted(StillRasteriser):
-        def from_points(self, camera, points, radius, blur):
+        def rasterise_from_points(self, camera, points, radius, blur):
             statistics.append(ViewStatistics(want_abs=True))
             assert len(points) == 5
             return rasterise_from_points(self.gaussians, camera, LOOKS, points, radius, blur, statistics=statistics[-1])

@@ -11,8 +11,7 @@ from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
 from dofbench.core.image_files.exif import Exif
 from dofbench.core.lens import DisparityRange, Lens
-from dofbench.training.common.lens_ties import lens_ties
-from dofbench.training.common.lenses import LearnedLenses, LensOptions
+from dofbench.training.common.lenses import LearnedLenses, LensOptions, lens_ties
 
 RANGE = DisparityRange(0.02, 0.06)
 

@@ -7,11 +7,15 @@ import torch
 from tolerances import FLOAT32_SCALAR, PLANE_NORMAL
 
 from dofbench.core.cameras import Camera
-from dofbench.training.common.adaptation import AdaptationOptions
-from dofbench.training.common.depth_loss import SupervisionOptions, depth_loss
-from dofbench.training.common.supervision import DepthSamples
-from dofbench.training.gaussians.distortion import DistortionOptions, distortion_loss
-from dofbench.training.gaussians.normals import NormalOptions, normal_consistency, normals_from_depth
+from dofbench.training.common.depth import DepthSamples, SupervisionOptions, depth_loss
+from dofbench.training.common.losses import AdaptationOptions
+from dofbench.training.gaussians.surface_losses import (
+    DistortionOptions,
+    NormalOptions,
+    distortion_loss,
+    normal_consistency,
+    normals_from_depth,
+)
 from dofbench.training.gaussians.surface_terms import Distortion, Normals
 
 CAMERA = Camera(24, 18, 20.0, 21.0, 12.5, 8.0, np.eye(4))

@@ -10,8 +10,8 @@ import torch
 from blur_cases import CAMERA, enlarging, masked, one_gaussian, shot, with_outputs
 from tolerances import FLOAT32_SCALAR, FLOAT32_VALUE
 
-from dofbench.training.common.training_views import Photograph
-from dofbench.training.gaussians.forward.forward_model import SharpView
+from dofbench.training.common.views import ScaledView
+from dofbench.training.gaussians.forward_model import SharpView
 
 
 @pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
@@ -24,11 +24,11 @@ def test_a_mask_mixes_the_blurred_and_the_sharp_view(share: float) -> None:
             math.log(share / (1 - share)) if 0 < share < 1 else math.copysign(99, share - 0.5)
         )
     raster = scene.rasterise(CAMERA, "depth")
-    image = blur.photograph(scene, SharpView(lambda: raster), shot())
+    image = blur.render(scene, SharpView(lambda: raster), shot())
     wide = one_gaussian(3.3).rasterise(CAMERA, "none").color
     expected = share * wide + (1 - share) * raster.color
     np.testing.assert_allclose(image.detach().numpy(), expected.detach().numpy(), atol=FLOAT32_VALUE)
-    view = Photograph(0, "v", CAMERA, torch.zeros(36, 48, 3), None, None)
+    view = ScaledView(0, "v", CAMERA, torch.zeros(36, 48, 3), None, None)
     cost = blur.cost(SharpView(lambda: raster), shot(), view)
     assert float(cost.detach()) == pytest.approx(2 * share, rel=FLOAT32_SCALAR)
 
@@ -56,7 +56,7 @@ def test_both_networks_of_a_mask_learn() -> None:
         for part in (blur._network, blur._enlarged._network)
         for parameter in (part.head.weight,)
     ]
-    blur.photograph(scene, SharpView(lambda: raster), shot()).square().sum().backward()
+    blur.render(scene, SharpView(lambda: raster), shot()).square().sum().backward()
     assert bool(torch.isfinite(blur.gradient()).all())
     blur.step(0, 0.0, 1.0)
     after = [blur._network.head.weight, blur._enlarged._network.head.weight]

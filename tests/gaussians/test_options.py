@@ -6,10 +6,9 @@ import pytest
 
 from dofbench.core.errors import InputError
 from dofbench.methods.cards import find_method
-from dofbench.training.common.adaptation import AdaptationOptions
-from dofbench.training.common.option_groups import OptionGroups, listed_options
-from dofbench.training.common.training_schedule import ScheduleOptions
-from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.common.losses import AdaptationOptions
+from dofbench.training.common.options import OptionGroups, listed_options
+from dofbench.training.gaussians.gaussian_options import GaussianOptions, ScheduleOptions
 
 
 def test_strings_become_the_options_type():

@@ -11,8 +11,7 @@ from small_scene import options, training_set
 
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import TrainingSet
-from dofbench.training.common.outliers import MOST, VISITS, OutlierOptions, OutlierViews
-from dofbench.training.common.view_order import ViewOrder
+from dofbench.training.common.views import MOST, VISITS, OutlierOptions, OutlierViews, ViewOrder
 from dofbench.training.gaussians.trainer import Trainer
 
 

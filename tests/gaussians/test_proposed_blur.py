@@ -10,10 +10,9 @@ import torch
 from blur_cases import CAMERA, one_gaussian, proposing, shot
 from tolerances import FLOAT32_VALUE
 
-from dofbench.training.common.training_views import Photograph
-from dofbench.training.gaussians.blur_methods import ThreeScales
-from dofbench.training.gaussians.forward.forward_model import SharpView
-from dofbench.training.gaussians.forward.proposed_blur import ProposedBlur
+from dofbench.methods.bags.method import ProposedBlur, ThreeScales
+from dofbench.training.common.views import ScaledView
+from dofbench.training.gaussians.forward_model import SharpView
 
 
 def fixed(blur: ProposedBlur, logit: float, neighbour: int, mask: float) -> ProposedBlur:
@@ -40,7 +39,7 @@ def test_the_kernel_is_as_large_as_the_scale_asks(width: int, size: int) -> None
     scene = one_gaussian(4.0)
     raster = scene.rasterise(CAMERA, "depth")
     blur = fixed(proposing(width), 300.0, 0, 300.0)
-    found = blur.photograph(scene, SharpView(lambda: raster), shot()).detach().numpy()
+    found = blur.render(scene, SharpView(lambda: raster), shot()).detach().numpy()
     half = size // 2
     expected = np.zeros_like(found)
     expected[half:, half:] = raster.color.detach().numpy()[:-half, :-half]
@@ -51,12 +50,12 @@ def test_a_proposal_is_mixed_by_its_mask_and_charged_for_it() -> None:
     scene = one_gaussian(4.0)
     raster = scene.rasterise(CAMERA, "depth")
     blur = fixed(proposing(192, proposal_cost=3.0), 300.0, 0, math.log(0.25 / 0.75))
-    found = blur.photograph(scene, SharpView(lambda: raster), shot()).detach().numpy()
+    found = blur.render(scene, SharpView(lambda: raster), shot()).detach().numpy()
     sharp = raster.color.detach().numpy()
     moved = np.zeros_like(sharp)
     moved[2:, 2:] = sharp[:-2, :-2]
     np.testing.assert_allclose(found, 0.25 * moved + 0.75 * sharp, atol=FLOAT32_VALUE)
-    view = Photograph(0, "v", CAMERA, torch.zeros(36, 48, 3), None, None)
+    view = ScaledView(0, "v", CAMERA, torch.zeros(36, 48, 3), None, None)
     cost = blur.cost(SharpView(lambda: raster), shot(), view)
     assert float(cost.detach()) == pytest.approx(3 * 0.25, rel=FLOAT32_VALUE)
 
@@ -64,7 +63,7 @@ def test_a_proposal_is_mixed_by_its_mask_and_charged_for_it() -> None:
 def test_the_network_of_proposals_learns_from_the_picture_and_tells_photographs_apart() -> None:
     scene, blur = one_gaussian(4.0), proposing(96)
     raster = scene.rasterise(CAMERA, "depth")
-    pictures = [blur.photograph(scene, SharpView(lambda: raster), shot(number)) for number in (0, 1)]
+    pictures = [blur.render(scene, SharpView(lambda: raster), shot(number)) for number in (0, 1)]
     assert not torch.equal(*pictures)
     pictures[1].square().sum().backward()
     assert bool(torch.isfinite(blur.gradient()).all()) and float(blur.gradient().abs().sum()) > 0
@@ -85,7 +84,7 @@ def test_each_finer_scale_has_a_layer_more(width: int, deeper: int) -> None:
     """A picture of a quarter, of half and of all of the photographs' size: the coarse scales come first."""
     scene, blur = one_gaussian(4.0), proposing(width)
     raster = scene.rasterise(CAMERA, "depth")
-    blur.photograph(scene, SharpView(lambda: raster), shot()).square().sum().backward()
+    blur.render(scene, SharpView(lambda: raster), shot()).square().sum().backward()
     sizes = {factor: head.weight.grad is not None for factor, head in blur._network.heads.items()}
     assert sum(sizes.values()) == 1
     learned = [layer.weight.grad is not None and bool(layer.weight.grad.any()) for layer in blur._network.deeper]

@@ -16,8 +16,7 @@ from dofbench.core.errors import InputError
 from dofbench.scenes.scene import Scene
 from dofbench.training import gaussians as gaussian_package
 from dofbench.training.gaussians.model import Gaussians
-from dofbench.training.gaussians.scene_fit import OPTIONS, Reconstruction, Surface, reconstruct
-from dofbench.training.gaussians.splat_depth import SplatDepth
+from dofbench.training.gaussians.scene_fit import OPTIONS, Reconstruction, SplatDepth, Surface, reconstruct
 
 CAMERA = frontal(16, 12, 12.0)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -19,8 +20,8 @@ from dofbench.core.errors import Status
 from dofbench.training.gaussians.density import DensityOptions
 from dofbench.training.gaussians.model import PARAMETERS, Gaussians
 from dofbench.training.gaussians.optimiser import GaussianOptimiser, RateOptions
-from dofbench.training.gaussians.relocation import Relocation, RelocationOptions, shared_among
-from dofbench.training.gaussians.vanilla import Vanilla
+
+splatting = import_module("dofbench.methods.3dgs.method")
 
 
 @given(st.floats(0.01, 0.99), st.integers(1, 51))
@@ -28,7 +29,8 @@ def test_copies_together_look_as_the_one_that_they_were(opacity: float, copies: 
     """One behind the other: the light that passes all is 1 - opacity in the middle, and the integral over the image, by
     quadrature along a line, is that of the one Gaussian."""
     each, smaller = (
-        float(found) for found in shared_among(torch.tensor([opacity], dtype=torch.float64), torch.tensor([copies]))
+        float(found)
+        for found in splatting.shared_among(torch.tensor([opacity], dtype=torch.float64), torch.tensor([copies]))
     )
     assert (1 - each) ** copies == pytest.approx(1 - opacity, rel=FLOAT32_SCALAR)
     together, _ = quad(lambda t: 1 - (1 - each * math.exp(-t * t / 2)) ** copies, -12, 12, limit=200)
@@ -37,18 +39,18 @@ def test_copies_together_look_as_the_one_that_they_were(opacity: float, copies: 
 
 def test_extreme_opacities_stay_finite() -> None:
     for opacity in (0.0, 1e-30, 1.0):
-        found = shared_among(torch.tensor([opacity] * 3), torch.tensor([1, 51, 1000]))
+        found = splatting.shared_among(torch.tensor([opacity] * 3), torch.tensor([1, 51, 1000]))
         assert all(bool(torch.isfinite(values).all()) for values in found)
 
 
 def test_opacities_of_0_and_1_are_shared_as_the_nearest_that_a_logit_has() -> None:
     """1e-6 from the ends: two copies of what is opaque but for that let 1e-3 each through."""
-    each, smaller = shared_among(torch.tensor([0.0, 1.0], dtype=torch.float64), torch.tensor([2, 2]))
+    each, smaller = splatting.shared_among(torch.tensor([0.0, 1.0], dtype=torch.float64), torch.tensor([2, 2]))
     assert each.tolist() == pytest.approx([5e-7, 1 - 1e-3], rel=FLOAT32_SCALAR)
     assert bool(torch.isfinite(smaller).all())
 
 
-def setup(count: int = 40, rate: float = 0.0, **options) -> tuple[Gaussians, GaussianOptimiser, Relocation]:
+def setup(count: int = 40, rate: float = 0.0, **options) -> tuple[Gaussians, GaussianOptimiser, splatting.Relocation]:
     random = np.random.default_rng(3)
     points = cloud(random.normal(size=(count, 3)), rgb=random.uniform(size=(count, 3)))
     gaussians = Gaussians.from_points(points, 1)
@@ -57,8 +59,8 @@ def setup(count: int = 40, rate: float = 0.0, **options) -> tuple[Gaussians, Gau
         parameter.grad = torch.ones_like(parameter)
     optimiser.step(0.0)
     density = DensityOptions(densify_from=0.0, densify_every=5, max_gaussians=options.pop("most", 10_000))
-    relocation = Relocation(
-        gaussians, optimiser, density, RelocationOptions(**options), 2.0, torch.Generator().manual_seed(0)
+    relocation = splatting.Relocation(
+        gaussians, optimiser, density, splatting.RelocationOptions(**options), 2.0, torch.Generator().manual_seed(0)
     )
     return gaussians, optimiser, relocation
 
@@ -73,7 +75,7 @@ def test_transparent_ones_move_to_opaque_ones() -> None:
     assert len(gaussians) == 40
     after = {name: value.detach() for name, value in gaussians.parameters.items()}
     assert bool((after["means"] == before["means"][7]).all())
-    each, smaller = shared_among(torch.tensor([0.9]), torch.tensor([40]))
+    each, smaller = splatting.shared_among(torch.tensor([0.9]), torch.tensor([40]))
     assert torch.sigmoid(after["opacity_logits"]).unique().tolist() == pytest.approx(each.tolist(), rel=FLOAT32_VALUE)
     grown = (after["log_scales"] - before["log_scales"][7]).exp()
     assert grown.unique().tolist() == pytest.approx(smaller.tolist() * len(grown.unique()), rel=FLOAT32_VALUE)
@@ -144,7 +146,7 @@ def test_3dgs_trains_with_either_control() -> None:
             "prune_scale": 10,
             "mcmc": mcmc,
         }
-        method = Vanilla(options, 0, "cpu")
+        method = splatting.Splatting(options, 0, "cpu")
         first = method.OPTIONS.of(**options).first_gaussians(training_set().points, "cpu").parameters
         assert float(torch.sigmoid(first["opacity_logits"].detach()[0])) == pytest.approx(0.5 if mcmc else 0.1)
         outcome = method.fit(training_set(), Budget(steps=90), Recorder())
@@ -154,7 +156,7 @@ def test_3dgs_trains_with_either_control() -> None:
 
 
 def test_3dgs_dilates_and_keeps_opacity() -> None:
-    method = Vanilla({}, 0, "cpu")
+    method = splatting.Splatting({}, 0, "cpu")
     assert (method.options.appearance.filter_2d, method.options.appearance.filter_2d_fades) == (0.3, False)
     assert method.options.density.prune_scale == 0.1
-    assert "filter_3d" not in {listed.name for listed in Vanilla.available_options()}
+    assert "filter_3d" not in {listed.name for listed in splatting.Splatting.available_options()}

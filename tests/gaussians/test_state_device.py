@@ -9,8 +9,7 @@ import torch
 from small_scene import options, training_set
 from torch import Tensor
 
-from dofbench.training.common.lens_ties import lens_ties
-from dofbench.training.common.lenses import LearnedLenses
+from dofbench.training.common.lenses import LearnedLenses, lens_ties
 from dofbench.training.gaussians.model import Gaussians
 from dofbench.training.gaussians.training_state import TrainingState
 

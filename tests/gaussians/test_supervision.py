@@ -2,7 +2,7 @@ import numpy as np
 import torch
 from made_up import cloud, frontal
 
-from dofbench.training.common.supervision import DepthMap, DepthSamples, sparse_depth
+from dofbench.training.common.depth import DepthMap, DepthSamples, sparse_depth
 
 CAMERA = frontal(100, 80, 90.0)
 

@@ -20,7 +20,7 @@ from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import Status
-from dofbench.training.common.supervision import sparse_depth
+from dofbench.training.common.depth import sparse_depth
 from dofbench.training.gaussians.forward import lens_samples
 from dofbench.training.gaussians.model import NEAR
 from dofbench.training.gaussians.render import rasterise

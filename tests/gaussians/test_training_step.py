@@ -8,12 +8,10 @@ import pytest
 import torch
 from small_scene import cameras, options, training_set
 
-from dofbench.training.common.nonfinite import NonFiniteError, Place
-from dofbench.training.common.outliers import LEAST_VIEWS, OutlierOptions
-from dofbench.training.common.stage_clock import StageClock
-from dofbench.training.common.view_order import ViewOrder
-from dofbench.training.gaussians.step_rasteriser import StepRasteriser
+from dofbench.training.common.monitor import NonFiniteError, Place, StageClock
+from dofbench.training.common.views import LEAST_VIEWS, OutlierOptions, ViewOrder
 from dofbench.training.gaussians.training_state import TrainingState
+from dofbench.training.gaussians.training_step import StepRasteriser
 
 
 def test_time_within_another_stage_counts_to_its_own_alone(monkeypatch):

@@ -12,7 +12,7 @@ from small_scene import options, training_set
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
 from dofbench.core.image_files.exif import Exif
-from dofbench.training.common.held_back import HeldBackScores
+from dofbench.training.common.held_out import HeldOutScores
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.trainer import Trainer
 from dofbench.training.gaussians.trials import Trials, questions
@@ -61,14 +61,14 @@ class Scripted:
         tell(0, count)
         return True
 
-    def held_back_scores(self, share):
+    def held_out_scores(self, share):
         key = self.changes.get("lens_model") or (
             "no lens" if self.changes.get("lens") is False else self.changes.get("lens_per", "view")
         )
         easy = np.linspace(20, 40, self.count)  # views differ far more than settings do
         noise = np.random.default_rng(len(self.log)).normal(size=self.count)
         noise = self._noise * (noise - noise.mean())
-        return HeldBackScores(0.0, 0.0, {str(i): (value, 0.0) for i, value in enumerate(easy + self._dB[key] + noise)})
+        return HeldOutScores(0.0, 0.0, {str(i): (value, 0.0) for i, value in enumerate(easy + self._dB[key] + noise)})
 
     def widest_circle(self):
         return self._circle
@@ -167,9 +167,9 @@ def test_a_forward_model_that_costs_more_must_gain_more_than_what_counts_as_equa
     class Exact(Scripted):
         count = 2
 
-        def held_back_scores(self, share):
+        def held_out_scores(self, share):
             own = self.changes.get("lens_model") == "samples"
-            return HeldBackScores(0.0, 0.0, dict.fromkeys("ab", (gain if own else 0.0, 0.0)))
+            return HeldOutScores(0.0, 0.0, dict.fromkeys("ab", (gain if own else 0.0, 0.0)))
 
     trainer = Exact({})
     _, [decision] = Trials(trainer, GaussianOptions.of(lens_trials="model")).decide(400, 1000, 0.4)
@@ -262,10 +262,10 @@ def test_a_forward_model_is_taken_that_is_better_by_a_standard_error(gains, bett
     """Means of 0.55, 0.4 and 0.04 dB with standard errors of 0.45, 0.6 and 0; as good as equal up to 0.05 dB."""
 
     class Told(Scripted):
-        def held_back_scores(self, share):
+        def held_out_scores(self, share):
             points = self.changes.get("lens_model") == "samples"
             values = gains if points else (0.0, 0.0)
-            return HeldBackScores(0.0, 0.0, {name: (gain, 0.0) for name, gain in zip("ab", values, strict=True)})
+            return HeldOutScores(0.0, 0.0, {name: (gain, 0.0) for name, gain in zip("ab", values, strict=True)})
 
     trainer = Told({})
     _, [decision] = Trials(trainer, GaussianOptions.of(lens_trials="model")).decide(400, 1000, 0.4)

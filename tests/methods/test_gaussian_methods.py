@@ -15,8 +15,8 @@ from dofbench.core.lens import PhysicalLens
 from dofbench.methods.cards import find_method
 from dofbench.running.ablation_tables import TUNING, read_tables, tables_of
 from dofbench.scenes.ply import read_vertices
+from dofbench.training.gaussians.gaussian_method import RENDERING
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
-from dofbench.training.gaussians.rendering_options import RENDERING
 from dofbench.training.gaussians.splats import read_offset
 
 CAMERA = noise().views[0].camera
@@ -110,26 +110,26 @@ def test_what_is_loaded_and_saved_again_says_the_same(training_set, tmp_path):
 @pytest.mark.parametrize("model", ["scatter", "samples"])
 def test_every_option_that_rendering_looks_at_is_kept_in_the_file(training_set, model):
     _entry, method = _trained("dofgaussian", training_set)
-    looked_at = set()
+    without_held_out = set()
 
     def watched(group):
         class Watched(type(group)):
             def __getattribute__(self, name):
-                looked_at.add(name)
+                without_held_out.add(name)
                 return super().__getattribute__(name)
 
         return Watched(**vars(group))
 
     options = GaussianOptions.of(lens_model=model)
-    method._trainer = method._exposures = None
+    method._trainer = method._renderer = None
     method._options = replace(options, **{name: watched(group) for name, group in vars(options).items()})
-    looked_at.clear()  # that they fit together is looked at when they are made
+    without_held_out.clear()  # that they fit together is looked at when they are made
     method.render(CAMERA, None)
     method.render(CAMERA, LENS)
     # Not stored: filter_3d is merged into the Gaussians, and blur_to_depth only concerns gradients.
     elsewhere = {"filter_3d", "blur_to_depth"}
-    assert looked_at & GaussianOptions().flat().keys() <= {*RENDERING, *elsewhere}
-    assert {"lens_gamma", "filter_2d"} <= looked_at
+    assert without_held_out & GaussianOptions().flat().keys() <= {*RENDERING, *elsewhere}
+    assert {"lens_gamma", "filter_2d"} <= without_held_out
 
 
 def _loaded(entry, folder):

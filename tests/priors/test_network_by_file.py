@@ -16,9 +16,9 @@ from tolerances import ALIGNED_DEPTH, FLOAT32_GRADIENT
 from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import InputError
 from dofbench.scenes.depth.network import find_network
-from dofbench.training.common.content_options import content_digests
+from dofbench.training.common.options import content_digests
 from dofbench.training.common.priors import make_prior
-from dofbench.training.common.priors.network_prior import open_network
+from dofbench.training.common.priors.network import open_network
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.*:DeprecationWarning")

@@ -11,8 +11,8 @@ from tolerances import STEREO_OUTLIERS, SWEEP_REACH
 from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
 from dofbench.core.images import resize
+from dofbench.training.common.depth import sparse_depth
 from dofbench.training.common.priors.stereo import choose_sources, disparity_bounds, plane_map, stereo_depth
-from dofbench.training.common.supervision import sparse_depth
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ from made_up import cloud, frontal
 from tolerances import FLOAT32_VALUE, FLOAT64_VALUE
 
 from dofbench.core.contracts import TrainingSet, TrainingView
+from dofbench.training.common.depth import DepthMap
 from dofbench.training.common.priors import stereo
-from dofbench.training.common.supervision import DepthMap
 
 
 def _turned(degrees: float) -> np.ndarray:

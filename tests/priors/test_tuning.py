@@ -9,8 +9,8 @@ from made_up import cloud, frontal
 from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
 
 from dofbench.core.contracts import TrainingSet, TrainingView
+from dofbench.training.common.depth import DepthMap
 from dofbench.training.common.priors import tuning
-from dofbench.training.common.supervision import DepthMap
 
 
 class Number(torch.nn.Module):

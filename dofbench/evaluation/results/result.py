@@ -133,7 +133,7 @@ class Spec(Stored):
     options: those of the preset with the changes of plan and user; overrides: the user's changes. budget: in the form
     of `--budget`. dataset: its name. dataset_checksum: sha256 over its files. code: `<version>+<sha256>` of the sources
     (`provenance.code_version`). content: option -> sha256 of the files that it names
-    (`dofbench.training.common.content_options`); none where no option names any, and before version 6.
+    (`dofbench.training.common.options`); none where no option names any, and before version 6.
     """
 
     method: InsideName

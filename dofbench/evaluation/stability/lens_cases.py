@@ -36,7 +36,7 @@ from dofbench.evaluation.stability.samples import HEIGHT, WIDTH, disparity, pict
 from dofbench.evaluation.stability.subject import Subject
 from dofbench.optics.defocus import defocus, defocus_by_radius, defocus_numpy
 from dofbench.optics.layered import layered_blur
-from dofbench.training.common.rendered_surface import surface_disparity
+from dofbench.training.common.depth import surface_disparity
 
 FORMULA = "the result is the formula's in a finer precision"
 

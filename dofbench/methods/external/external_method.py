@@ -25,7 +25,7 @@ from dofbench.methods.external.handed_over import Wanted, write_training_set, wr
 from dofbench.methods.external.limited_command import Limits, Taken, run_command
 from dofbench.methods.external.made_pictures import FIGURES_FILE, LENSES_FILE, read_figures, read_lenses, read_picture
 from dofbench.runtime.processes import machine_memory_mb
-from dofbench.training.common.option_groups import ListedOption, OptionGroups, listed_options
+from dofbench.training.common.options import ListedOption, OptionGroups, listed_options
 
 _MB = 1000.0  # in a GB
 _SHARE = 0.9  # of the machine's memory
