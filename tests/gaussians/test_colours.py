@@ -11,7 +11,7 @@ from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE, GAIN_LEARNED, RESPONSE_G
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
-from dofbench.training.common import image_losses as losses
+from dofbench.training.common import losses
 from dofbench.training.common.photograph_colours import ColourOptions, LearnedColours, read_colours, write_colours
 from dofbench.training.common.row_adam import RowAdam
 from dofbench.training.gaussians.trainer import Trainer

@@ -11,8 +11,8 @@ from small_scene import cameras, options, training_set
 from dofbench.core.budget import Budget
 from dofbench.core.lens import PhysicalLens
 from dofbench.methods.dofgaussian.method import DoFGaussian
-from dofbench.training.gaussians import exposure
-from dofbench.training.gaussians.forward_model import BlurOptions
+from dofbench.training.gaussians import lens_renderer
+from dofbench.training.gaussians.forward_model import BlurOptions, SharpView, Shot
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.lens_models import (
     LensSamples,
@@ -23,7 +23,7 @@ from dofbench.training.gaussians.lens_models import (
     ScatterOptions,
     rendering_model,
 )
-from dofbench.training.gaussians.lens_renderer import LensRenderer, render_view
+from dofbench.training.gaussians.lens_renderer import LensRenderer
 from dofbench.training.gaussians.render import rasterise
 from dofbench.training.gaussians.surface_terms import richest
 from dofbench.training.gaussians.trainer import Trainer
@@ -85,7 +85,7 @@ def rasterised(monkeypatch) -> list[str]:
         seen.append(geometry)
         return rasterise(*given, geometry=geometry, **more)
 
-    monkeypatch.setattr(exposure, "rasterise", counted)
+    monkeypatch.setattr(lens_renderer, "rasterise", counted)
     return seen
 
 
@@ -97,7 +97,7 @@ def test_many_lenses_on_one_camera_take_one_sharp_view(rasterised, changes):
     pictures = [renderer.render(camera, lens).image for lens in lenses]
     assert rasterised.count("depth") == 1
     for lens, picture in zip(lenses, pictures, strict=True):
-        assert np.array_equal(picture, render_view(trainer.gaussians, camera, chosen, lens=lens).image)
+        assert np.array_equal(picture, LensRenderer(trainer.gaussians, chosen).render(camera, lens).image)
     del rasterised[:]
     apart = renderer.render(other, LENS).image
     assert rasterised.count("depth") == 1 and not np.array_equal(apart, pictures[1])
@@ -156,8 +156,6 @@ def test_the_order_of_photographs_does_not_depend_on_how_many_points_look_at_the
 
 def test_the_blurs_gradient_reaches_the_depth_where_it_is_asked_to():
     trainer, camera = Trainer(training_set(), options(), 0), cameras()[0]
-    from dofbench.training.gaussians.forward_model import SharpView, Shot
-
     raster = rasterise(trainer.gaussians, camera, trainer.options.appearance)
     for to_depth in (False, True):
         depth = raster.depth.detach().requires_grad_()

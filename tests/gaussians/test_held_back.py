@@ -18,7 +18,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.images import resize
 from dofbench.core.masks import touched
 from dofbench.core.similarity import psnr, ssim
-from dofbench.training.common import image_losses as losses
+from dofbench.training.common import losses
 from dofbench.training.common.held_out import TILE, held_out_mask, held_out_scores, held_out_tiles, tile_scores
 from dofbench.training.gaussians.trainer import Trainer
 
