@@ -25,6 +25,7 @@ class PlaneScene:
 
     def __init__(self, z: float, pattern: Callable[[Tensor], Tensor]):
         self.cameras, self._z, self._pattern = CameraTable(cameras()), z, pattern
+        self.scene = self  # the field that it traces
 
     def trace(self, origins: Tensor, directions: Tensor) -> RaysSeen:
         along = (self._z - origins[:, 2:]) / directions[:, 2:]

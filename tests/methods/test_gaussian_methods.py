@@ -110,12 +110,12 @@ def test_what_is_loaded_and_saved_again_says_the_same(training_set, tmp_path):
 @pytest.mark.parametrize("model", ["scatter", "samples"])
 def test_every_option_that_rendering_looks_at_is_kept_in_the_file(training_set, model):
     _entry, method = _trained("dofgaussian", training_set)
-    without_held_out = set()
+    used = set()
 
     def watched(group):
         class Watched(type(group)):
             def __getattribute__(self, name):
-                without_held_out.add(name)
+                used.add(name)
                 return super().__getattribute__(name)
 
         return Watched(**vars(group))
@@ -123,13 +123,13 @@ def test_every_option_that_rendering_looks_at_is_kept_in_the_file(training_set, 
     options = GaussianOptions.of(lens_model=model)
     method._trainer = method._renderer = None
     method._options = replace(options, **{name: watched(group) for name, group in vars(options).items()})
-    without_held_out.clear()  # that they fit together is looked at when they are made
+    used.clear()  # that they fit together is looked at when they are made
     method.render(CAMERA, None)
     method.render(CAMERA, LENS)
     # Not stored: filter_3d is merged into the Gaussians, and blur_to_depth only concerns gradients.
     elsewhere = {"filter_3d", "blur_to_depth"}
-    assert without_held_out & GaussianOptions().flat().keys() <= {*RENDERING, *elsewhere}
-    assert {"lens_gamma", "filter_2d"} <= without_held_out
+    assert used & GaussianOptions().flat().keys() <= {*RENDERING, *elsewhere}
+    assert {"lens_gamma", "filter_2d"} <= used
 
 
 def _loaded(entry, folder):
