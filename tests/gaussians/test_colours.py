@@ -112,19 +112,6 @@ def test_pixels_of_many_photographs_have_each_its_own_colour(kind):
         assert torch.allclose(gradient[view], learned.gradient(), rtol=FLOAT32_GRADIENT, atol=0)
 
 
-@pytest.mark.parametrize("kind", ["gain", "affine"])
-def test_exposure_is_learned_from_pixels_of_many_photographs(kind):
-    factors = torch.tensor([[1.2, 1.1, 1.0], [0.8, 1.0, 1.1], [1.0, 0.9, 0.9]])
-    if kind == "gain":
-        factors = (factors.log() - factors.log().mean(0)).exp()
-    learned, (views, colours) = _learned(kind), _pixels(60)
-    for step in range(600):
-        (learned.of_pixels(views, colours) - colours * factors[views]).square().mean().backward()
-        learned.step(None, step / 600)
-    for view in range(3):
-        assert np.diag(learned.matrix(view)) == pytest.approx(factors[view].numpy(), abs=GAIN_LEARNED)
-
-
 def test_steps_on_all_rows_and_on_one_are_torch_s_adam_s():
     """Each row is a parameter of its own, which steps as often as it is asked for."""
     start, random = torch.rand(4, 3, generator=torch.Generator().manual_seed(7)), np.random.default_rng(8)
@@ -189,13 +176,6 @@ def test_photographs_of_other_colours_are_made_again():
         assert (trainer.colour_estimates() is None) == (chosen == "off")
     assert errors["gain"] < errors["off"]
     assert trainer.colour_estimates()["v0"][0, 0] < 0.95 < trainer.colour_estimates()["v1"][0, 0]
-
-
-def test_a_nan_in_a_colour_is_caught_and_named():
-    trainer = Trainer(training_set(), options(colour_per_view="gain"), 0)
-    trainer.colours._table.values[:] = float("nan")
-    (event,) = trainer.fit(Budget(steps=5), Recorder()).nonfinite
-    assert event.step == 1
 
 
 def test_colours_are_read_as_written(tmp_path):

@@ -23,7 +23,7 @@ from dofbench.training.common.monitor import StageClock
 from dofbench.training.common.views import ScaledView
 from dofbench.training.gaussians.forward_model import SharpView, Shot
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
-from dofbench.training.gaussians.render import AppearanceOptions, rasterise
+from dofbench.training.gaussians.render import rasterise
 from dofbench.training.gaussians.surface_losses import distortion_loss, normal_consistency
 from dofbench.training.gaussians.trainer import Trainer
 from dofbench.training.gaussians.training_state import TrainingState
@@ -154,18 +154,6 @@ def test_the_released_preset_alone_clips(name: str) -> None:
     assert [shot.clipped for shot in state.shots()] == [clips] * 3
 
 
-def test_eq_12_is_summed_over_the_splats_of_a_ray() -> None:
-    camera, weights = frontal(8, 6, 10.0), np.array([0.5, 0.3, 0.1])
-    normals = np.array([[0.0, 0.0, -1.0], [0.6, 0.0, -0.8], [0.0, 1.0, 0.0]])
-    expected = sum(w * (1 - n @ [0.0, 0.0, -1.0]) for w, n in zip(weights, normals, strict=True))
-    flat = torch.full((6, 8), 4.0, dtype=torch.float64)  # a plane that faces the camera
-    blended = torch.from_numpy(weights @ normals).expand(6, 8, 3)
-    alpha = torch.full((6, 8), weights.sum(), dtype=torch.float64)
-    assert float(normal_consistency(blended, alpha, flat, flat, camera, 0.0)) == pytest.approx(
-        expected, abs=FLOAT64_VALUE
-    )
-
-
 @pytest.mark.parametrize("name", PRESETS)
 @pytest.mark.parametrize(("progress", "of_means"), [(0.0, 1.6e-4), (0.5, 1.6e-5), (1.0, 1.6e-6)])
 def test_parameters_move_at_the_published_rates(name: str, progress: float, of_means: float) -> None:
@@ -188,11 +176,6 @@ def test_parameters_move_at_the_published_rates(name: str, progress: float, of_m
         moved = (before[key] - state.gaussians.parameters[key].detach()).double()
         largest = max(1.0, float(before[key].abs().max()))
         assert float((moved - rate).abs().max()) < LEARNED_STEP * largest, key
-
-
-def test_one_degree_of_the_harmonics_is_added_every_thousand_of_thirty_thousand_steps() -> None:
-    appearance = AppearanceOptions()
-    assert [appearance.degree(step / 30_000) for step in (0, 999, 1000, 2000, 3000, 29_999)] == [0, 0, 1, 2, 3, 3]
 
 
 # ---- the table ----

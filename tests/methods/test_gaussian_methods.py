@@ -9,7 +9,6 @@ from small_scene import noise
 from tolerances import FLOAT32_VALUE
 
 from dofbench.core.budget import Budget
-from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.lens import PhysicalLens
 from dofbench.methods.cards import find_method
@@ -168,20 +167,6 @@ def test_a_damaged_model_is_named(training_set, tmp_path, file, change, found):
     assert file in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_the_lens_blurs_and_all_in_focus_does_not(training_set):
-    _, method = _trained("dofgaussian", training_set)
-    sharp, blurred = method.render(CAMERA, None).image, method.render(CAMERA, LENS).image
-    assert np.abs(np.diff(blurred, axis=1)).mean() < np.abs(np.diff(sharp, axis=1)).mean()
-    assert set(method.lens_estimates()) == {"a", "b"}
-
-
-def test_a_method_without_a_lens_says_so(training_set):
-    _, method = _trained("mipsplatting", training_set)
-    assert method.lens_estimates() is None
-    with pytest.raises(ValueError, match="can't refocus"):
-        method.render(CAMERA, LENS)
-
-
 def test_what_a_method_fixes_can_not_be_set():
     entry = find_method("mipsplatting")
     with pytest.raises(InputError, match="this method fixes it"):
@@ -205,10 +190,3 @@ def test_the_baseline_is_trained_as_well_as_the_method(preset):
     assert apart <= {"depth_weight", "densify_until"}
     for key in apart:  # the baseline's own tuning tried the method's value
         assert any(row.set == {key: ours[key]} for row in tuning.rows), key
-
-
-def test_no_points_is_the_users_mistake(training_set):
-    entry = find_method("dofgaussian")
-    method = entry.create(entry.card.presets["smoke"], 0, "cpu")
-    with pytest.raises(InputError, match="sparse points"):
-        method.fit(TrainingSet(training_set.views, None), Budget(steps=1), Recorder())

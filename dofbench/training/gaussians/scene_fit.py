@@ -18,7 +18,6 @@ from dofbench.core.errors import Status
 from dofbench.scenes.depth.estimate import DepthEstimate, trust
 from dofbench.scenes.depth.source import SourceId
 from dofbench.scenes.scene import Scene, SceneView
-from dofbench.training import gaussians
 from dofbench.training.common.depth import SURFACE_ALPHA
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.model import SH_C0, Gaussians
@@ -172,7 +171,7 @@ class SplatDepth:
         "disparity among the Gaussians that the pixel is blended from"
     )
 
-    def __init__(self, reconstruction: gaussians.Reconstruction, provenance: dict[str, Any]):
+    def __init__(self, reconstruction: Reconstruction, provenance: dict[str, Any]):
         self._reconstruction, self._provenance = reconstruction, provenance
 
     @classmethod
@@ -183,10 +182,10 @@ class SplatDepth:
         points."""
         path = work / "reconstruction.npz"
         if not path.is_file():
-            reconstruction = gaussians.reconstruct(scene, steps=steps, seed=seed, progress=progress)
+            reconstruction = reconstruct(scene, steps=steps, seed=seed, progress=progress)
             reconstruction.save(path)
         # Always from the file, so that a resumed run renders the same numbers as an uninterrupted one.
-        reconstruction = gaussians.Reconstruction.load(path, steps=steps)
+        reconstruction = Reconstruction.load(path, steps=steps)
         provenance = {
             "from": "a Gaussian reconstruction of the all-in-focus images of all views",
             "steps": steps,

@@ -37,12 +37,6 @@ def test_copies_together_look_as_the_one_that_they_were(opacity: float, copies: 
     assert smaller * together == pytest.approx(opacity * math.sqrt(2 * math.pi), rel=FLOAT32_SCALAR)
 
 
-def test_extreme_opacities_stay_finite() -> None:
-    for opacity in (0.0, 1e-30, 1.0):
-        found = splatting.shared_among(torch.tensor([opacity] * 3), torch.tensor([1, 51, 1000]))
-        assert all(bool(torch.isfinite(values).all()) for values in found)
-
-
 def test_opacities_of_0_and_1_are_shared_as_the_nearest_that_a_logit_has() -> None:
     """1e-6 from the ends: two copies of what is opaque but for that let 1e-3 each through."""
     each, smaller = splatting.shared_among(torch.tensor([0.0, 1.0], dtype=torch.float64), torch.tensor([2, 2]))
@@ -153,10 +147,3 @@ def test_3dgs_trains_with_either_control() -> None:
         assert outcome.status is Status.OK
         assert len(method.gaussians) != 250 and method.render(cameras()[0], None).image.max() > 0.3
         assert set(method.gaussians.parameters) == set(PARAMETERS)
-
-
-def test_3dgs_dilates_and_keeps_opacity() -> None:
-    method = splatting.Splatting({}, 0, "cpu")
-    assert (method.options.appearance.filter_2d, method.options.appearance.filter_2d_fades) == (0.3, False)
-    assert method.options.density.prune_scale == 0.1
-    assert "filter_3d" not in {listed.name for listed in splatting.Splatting.available_options()}
