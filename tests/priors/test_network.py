@@ -16,7 +16,7 @@ from dofbench.scenes.depth.align import Alignment
 from dofbench.scenes.depth.depthnet import MEAN, STD, load_folded
 from dofbench.scenes.depth.network import Network, find_network
 from dofbench.training.common.depth import DepthMap
-from dofbench.training.common.priors import network_prior as networks
+from dofbench.training.common.priors import network as networks
 from dofbench.training.common.priors.network import open_network, predicted_depth, scale_invariant_loss, tune
 from dofbench.training.common.priors.stereo import stereo_depth
 

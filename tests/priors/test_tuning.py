@@ -10,7 +10,7 @@ from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
 
 from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.training.common.depth import DepthMap
-from dofbench.training.common.priors import tuning
+from dofbench.training.common.priors import network as tuning
 
 
 class Number(torch.nn.Module):
