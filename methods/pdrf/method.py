@@ -69,10 +69,10 @@ class ProgressiveKernel(LearnedKernel):
         """The second proposal's mixture, and the mean of both."""
         empty = pixels.places.new_zeros(len(pixels.views), self._options.kernel_points, _FEATURES)
         proposed = self._propose(tracer, pixels, empty)
-        rays = proposed.in_world(tracer, pixels, self._unit)
-        seen = tracer.trace(*rays)
+        origins, directions = proposed.in_world(tracer, pixels, self._unit)
+        seen = tracer.trace(origins, directions)
         first = mixed(seen.color.view(*proposed.weights.shape, 3), proposed.weights)
-        met = self._network.told(tracer.scene.features_met(*rays, seen)).view(empty.shape)
+        met = self._network.told(tracer.scene.features_met(origins, directions, seen)).view(empty.shape)
         again = self._propose(tracer, pixels, met)
         seen = tracer.trace(*again.in_world(tracer, pixels, self._unit))
         second = mixed(seen.color.view(*again.weights.shape, 3), again.weights)

@@ -111,7 +111,7 @@ class SampledLensMethod(FieldMethod):
 
     def render_defocused(self, scene: FieldScene, camera: Camera, lens: PhysicalLens) -> Rendering:
         """Render by `render_points` aperture samples a pixel."""
-        return through_points(scene, camera, lens, self.options.flat()["render_points"])
+        return through_points(scene, camera, lens, int(self.options.flat()["render_points"]))
 
     def sketch(self, sharp: Rendering, lens: PhysicalLens) -> Rendering:
         """Scatter the sharp view, which is much faster."""
