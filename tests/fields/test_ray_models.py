@@ -238,7 +238,7 @@ def test_a_rotation_turns_rays_about_the_centre() -> None:
 def test_the_first_ray_of_both_proposals_is_the_pixel_s_own() -> None:
     model, scene, at = progressive(), PlaneScene(3.0, waves), pixels()
     for told in (torch.zeros(25, 4, 15), torch.rand(25, 4, 15)):
-        rays = model._proposed(scene, at, told)
+        rays = model._propose(scene, at, told)
         assert not rays.places[:, 0].any() and not rays.origins[:, 0].any()
         assert bool((rays.places[:, 1:] != 0).all()) and bool((rays.origins[:, 1:] != 0).all())
 
