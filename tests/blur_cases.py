@@ -8,13 +8,12 @@ import torch
 from made_up import cloud, frontal
 
 from dofbench.core.lens import DisparityRange
-from dofbench.training.gaussians.exposure import StillRasteriser
-from dofbench.training.gaussians.forward.circle_copies import CircleCopies, CopiesOptions
-from dofbench.training.gaussians.forward.enlarged_gaussians import EnlargedGaussians, EnlargingOptions
-from dofbench.training.gaussians.forward.forward_model import SharpView
-from dofbench.training.gaussians.forward.masked_blur import MaskedBlur, MaskOptions
-from dofbench.training.gaussians.forward.proposed_blur import ProposalOptions, ProposedBlur
-from dofbench.training.gaussians.forward.shot import Shot
+from dofbench.methods.bags.method import ProposalOptions, ProposedBlur
+from dofbench.methods.cocogaussian.method import CircleCopies, CopiesOptions
+from dofbench.methods.deblurring3dgs.method import EnlargedGaussians, EnlargingOptions
+from dofbench.methods.gsplat_deblur.method import MaskedBlur, MaskOptions
+from dofbench.training.gaussians.forward_model import SharpView, Shot
+from dofbench.training.gaussians.lens_renderer import StillRasteriser
 from dofbench.training.gaussians.model import Gaussians
 from dofbench.training.gaussians.render import AppearanceOptions
 

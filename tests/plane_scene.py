@@ -10,8 +10,8 @@ from made_up import frontal
 from torch import Tensor
 
 from dofbench.core.cameras import Camera
+from dofbench.training.fields.cube_rays import RaysSeen
 from dofbench.training.fields.pixels import CameraTable
-from dofbench.training.fields.rays_seen import RaysSeen
 
 WIDTH, HEIGHT, FOCAL = 40, 30, 50.0
 
@@ -21,10 +21,11 @@ def cameras() -> list[Camera]:
 
 
 class PlaneScene:
-    """A `RayScene` of a wall at depth `z`. pattern: (R, 2) places on the wall, scene units, to (R, 3) encoded."""
+    """A `RayTracer` of a wall at depth `z`. pattern: (R, 2) places on the wall, scene units, to (R, 3) encoded."""
 
     def __init__(self, z: float, pattern: Callable[[Tensor], Tensor]):
         self.cameras, self._z, self._pattern = CameraTable(cameras()), z, pattern
+        self.scene = self  # the field that it traces
 
     def trace(self, origins: Tensor, directions: Tensor) -> RaysSeen:
         along = (self._z - origins[:, 2:]) / directions[:, 2:]

@@ -56,6 +56,8 @@ def changed(copied: Path, monkeypatch: pytest.MonkeyPatch):
         ("methods/mipsplatting/method.py", "bags", "cpu", True),  # bags is like it
         ("methods/dofgaussian/method.py", "bags", "cpu", False),
         ("dofbench/reporting/render.py", "bags", "cpu", False),
+        ("methods/deblurnerf/method.py", "pdrf", "cpu", True),  # pdrf imports from it
+        ("methods/pdrf/method.py", "deblurnerf", "cpu", False),
         ("kernels/tone/gpu.py", "bags", "cpu", False),
         ("kernels/tone/gpu.py", "bags", "cuda", True),
     ],

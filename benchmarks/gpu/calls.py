@@ -13,9 +13,9 @@ from torch import Tensor
 from dofbench.core.cameras import Camera
 from dofbench.runtime.factored_grid import GridShape
 from dofbench.runtime.ops import load
+from dofbench.training.common.depth import SURFACE_ALPHA
 from dofbench.training.common.priors.stereo import BEST, EDGE, LARGE, RADIUS, SMALL, SOURCES
-from dofbench.training.common.rendered_surface import SURFACE_ALPHA
-from dofbench.training.gaussians.forward.lens_pattern import lens_points
+from dofbench.training.gaussians.lens_pattern import lens_points
 
 NAMES = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "sh_rest")
 

@@ -249,7 +249,7 @@ def training(settings: Settings, data: Path, steps: int) -> dict[str, Any]:
     if not end:
         return found
     loaded = load_run(end.folder)
-    view, exposures = loaded.dataset.test_views()[0], loaded.method.exposures
+    view, exposures = loaded.dataset.test_views()[0], loaded.method.renderer
     for name, lens in (("fps", None), ("fps_lens", view.physical_lens)):
 
         def shown(lens: PhysicalLens | None = lens) -> object:

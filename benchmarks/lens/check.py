@@ -239,7 +239,7 @@ def cost(case: Case, way: str, settings: Settings) -> dict[str, object]:
     clock = Clock()
     outcome = trainer.fit(Budget(steps=settings.steps), clock)
     return {
-        "held_back_psnr": trainer.held_back_scores().psnr,
+        "held_back_psnr": trainer.held_out_scores().psnr,
         "aif_psnr": _all_in_focus(trainer, dataset, case.contrast),
         "ms_a_step": 1000 * clock.worked() / max(outcome.steps - 1, 1),
         "status": str(outcome.status),

@@ -1,4 +1,4 @@
-"""The constants of `dofbench/training/gaussians/forward/lens_pattern.py`, computed again.
+"""The constants of `dofbench/training/gaussians/lens_pattern.py`, computed again.
 
     python -m benchmarks.lens.pattern
 

@@ -24,7 +24,7 @@ from dofbench.methods.frozen_presets import choices_digest
 from dofbench.methods.stages.facts import Facts, facts_of
 from dofbench.running.plan import make_plan
 from dofbench.running.planned_runs import PlannedRun
-from dofbench.training.common.content_options import content_digests
+from dofbench.training.common.options import content_digests
 
 
 @dataclass(frozen=True)

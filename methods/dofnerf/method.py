@@ -1,9 +1,113 @@
-"""DoF-NeRF (Wu et al., ACM MM 2022): scattered patches on the shared field."""
+"""DoF-NeRF (Wu et al., ACM MM 2022): a learned lens for every view, by concentrate-and-scatter (section 3.2)."""
 
 from __future__ import annotations
 
-from dofbench.training.fields.lens_field_method import PatchField
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from dofbench.core.blur import Blur
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import Rendering
+from dofbench.core.errors import InputError
+from dofbench.core.lens import PhysicalLens
+from dofbench.optics.defocus import defocus
+from dofbench.training.common.lenses import LearnedLenses
+from dofbench.training.fields.field_scene import FieldScene
+from dofbench.training.fields.lens_field import LensFieldMethod, LensFieldOptions, circles, scattered
+from dofbench.training.fields.pixels import Pixels, TrainingPixels
+from dofbench.training.fields.ray_model import Prediction, RayModel, RayTracer
 
 
-class DoFNeRF(PatchField):
-    """See `PatchField`; presets are in method.toml."""
+@dataclass(frozen=True)
+class PatchOptions:
+    """Size of the patches, and when they begin."""
+
+    patch_side: int = 48
+    """Height and width of a patch. Unit: px. Source: DoF-NeRF."""
+    patch_from: float = 0.3
+    """When patches through the lens replace single sharp pixels. Unit: share of the training. Source: own; the length
+    of DoF-NeRF's second stage isn't published."""
+    patch_gamma: float = 2.0
+    """Gamma of the light that is spread. Unit: none. Source: DoF-NeRF's code."""
+
+    def __post_init__(self) -> None:
+        if self.patch_side < 2:
+            raise InputError("option patch_side", str(self.patch_side), "at least 2")
+
+    @property
+    def blur(self) -> Blur:
+        """How light is spread."""
+        return Blur(self.patch_gamma)
+
+
+class RenderedPatch(RayModel):
+    """Renders a sharp patch of a view with its depth, and spreads each pixel's light over its CoC.
+
+    Light from outside the patch is missing at its border.
+    """
+
+    stage = "patch"
+    kernels = ("adam", "scatter", "tone")
+
+    def __init__(self, lenses: LearnedLenses, options: PatchOptions):
+        self.lenses, self._options = lenses, options
+        self._view: int | None = None
+
+    def draw(self, photographs: TrainingPixels, count: int, progress: float) -> Pixels:
+        """Draw pixels of all views at first, then a patch of one."""
+        if progress < self._options.patch_from:
+            return photographs.draw(count)
+        return photographs.draw_patch(self._options.patch_side)
+
+    def predict(self, tracer: RayTracer, pixels: Pixels, progress: float) -> Sequence[Prediction]:
+        origins, directions = tracer.cameras.rays(pixels.views, pixels.places)
+        seen = tracer.trace(origins, directions)
+        self._view = None
+        if progress < self._options.patch_from:
+            return [Prediction(seen.color)]
+        assert pixels.view is not None and pixels.width is not None
+        self._view = view = pixels.view
+        slope, offset = circles(self.lenses, view, tracer.cameras.widths[view])
+        disparity = tracer.scene.disparity(origins, directions, seen)
+        shape = len(pixels.views) // pixels.width, pixels.width
+        radius = (slope * disparity + offset).view(shape)
+        sharp = seen.color.view(*shape, 3).contiguous()
+        return [Prediction(defocus(sharp, radius.contiguous(), self._options.blur).view(-1, 3))]
+
+    def gradients(self) -> Mapping[str, Tensor | None]:
+        return {"lens": None if self._view is None else self.lenses.gradient()}
+
+    def step(self, progress: float) -> None:
+        if self._view is not None:
+            self.lenses.step(self._view, progress)
+
+
+@dataclass(frozen=True)
+class PatchFieldOptions(LensFieldOptions):
+    """Options of a field whose sharp patches are scattered."""
+
+    patches: PatchOptions = PatchOptions()
+
+
+class DoFNeRF(LensFieldMethod):
+    """A field with a learned lens per view; sharp patches in training, and sharp views in rendering, are scattered."""
+
+    OPTIONS = PatchFieldOptions
+
+    def lens_model(self, lenses: LearnedLenses, generator: torch.Generator) -> RayModel:
+        return RenderedPatch(lenses, self._patches)
+
+    def render_defocused(self, scene: FieldScene, camera: Camera, lens: PhysicalLens) -> Rendering:
+        return self.sketch(scene.render(camera), lens)
+
+    def sketch(self, sharp: Rendering, lens: PhysicalLens) -> Rendering:
+        """Scatter the sharp view; this is the rendering itself."""
+        return scattered(sharp, lens, self._patches.blur)
+
+    @property
+    def _patches(self) -> PatchOptions:
+        assert isinstance(self._options, PatchFieldOptions)
+        return self._options.patches

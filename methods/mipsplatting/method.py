@@ -1,14 +1,9 @@
-"""Mip-Splatting (Yu et al., CVPR 2024) on the shared trainer: the paper's ablation row 1."""
+"""Mip-Splatting (Yu et al., CVPR 2024) on the shared trainer: row 1 of DoF-Gaussian's ablation."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
-
-from dofbench.training.gaussians.gaussian_method import GaussianMethod
+from dofbench.training.gaussians.gaussian_method import LenslessMethod
 
 
-class MipSplatting(GaussianMethod):
-    """The same trainer as DoF-Gaussian without the lens and everything that depends on it."""
-
-    FORCED: ClassVar[Mapping[str, Any]] = {"lens": False, "adaptation": "off"}
+class MipSplatting(LenslessMethod):
+    """The shared trainer without the lens and all that depends on it; both of Mip-Splatting's filters are on."""

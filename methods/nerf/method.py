@@ -1,4 +1,4 @@
-"""A radiance field that takes every photograph for sharp: the plain version of the other fields."""
+"""A radiance field that assumes all-in-focus inputs: the plain version of the other fields."""
 
 from __future__ import annotations
 
@@ -6,4 +6,5 @@ from dofbench.training.fields.field_method import FieldMethod
 
 
 class PlainField(FieldMethod):
-    """See `FieldMethod`; presets are in method.toml."""
+    """A factorised grid (TensoRF; Chen et al., ECCV 2022), trained on one ray a pixel; its parts are in
+    `dofbench/training/fields`."""

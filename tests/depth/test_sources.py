@@ -8,7 +8,7 @@ from made_up import frontal, scene_of
 
 from dofbench.core.errors import InputError
 from dofbench.datasets.synthesis.depth_sources import open_source, source_for
-from dofbench.training import gaussians
+from dofbench.training.gaussians import scene_fit
 from dofbench.training.gaussians.scene_fit import Surface
 
 
@@ -77,8 +77,8 @@ def test_a_reconstruction_is_made_once(monkeypatch, tmp_path):
         progress(steps, steps)
         return FakeReconstruction(3.0)
 
-    monkeypatch.setattr(gaussians, "reconstruct", reconstruct, raising=False)
-    monkeypatch.setattr(gaussians, "Reconstruction", FakeReconstruction, raising=False)
+    monkeypatch.setattr(scene_fit, "reconstruct", reconstruct, raising=False)
+    monkeypatch.setattr(scene_fit, "Reconstruction", FakeReconstruction, raising=False)
     there = scene(None, None)
     for _ in range(2):
         source = open_source(

@@ -16,7 +16,7 @@ from dofbench.core.errors import InputError, Status
 from dofbench.core.lens import PhysicalLens
 from dofbench.training.fields.field_method import FieldMethod
 from dofbench.training.fields.field_trainer import FieldTrainer
-from dofbench.training.fields.forward.pinhole_rays import PinholeRays
+from dofbench.training.fields.ray_model import RayModel
 
 SHORT = {
     "steps": 120,
@@ -167,7 +167,7 @@ def test_photographs_of_other_colours_are_explained_by_colours_of_their_own(tmp_
 
 def test_a_bad_number_in_a_colour_is_told() -> None:
     options = FieldMethod({**SHORT, "colour_per_view": "gain"}, 0, "cpu").options
-    trainer = FieldTrainer(training_set(), options, PinholeRays(), 0)
+    trainer = FieldTrainer(training_set(), options, RayModel(), 0)
     trainer.colours._table.values[1] = float("nan")
     outcome = trainer.fit(Budget(), Recorder())
     assert [(event.step, event.stage) for event in outcome.nonfinite] == [(1, "loss")]

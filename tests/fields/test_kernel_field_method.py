@@ -14,13 +14,16 @@ from tolerances import FLOAT32_VALUE
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import InputError, Status
+from dofbench.methods.deblurnerf.method import DeblurNeRF
+from dofbench.methods.dpnerf.method import DPNeRF
+from dofbench.methods.pdrf.method import PDRF
+from dofbench.training.fields.blur_kernels import unit_of_depth
 from dofbench.training.fields.field_method import FieldMethod
-from dofbench.training.fields.kernel_field_method import DeformableField, ProgressiveField, RigidField, unit_of_depth
 
 SHORT = field_options()
 
 
-@pytest.mark.parametrize("kind", [DeformableField, RigidField, ProgressiveField])
+@pytest.mark.parametrize("kind", [DeblurNeRF, DPNeRF, PDRF])
 def test_it_learns_and_renders_without_its_kernel(kind: type[FieldMethod], tmp_path: Path) -> None:
     method, recorder = kind(SHORT, 0, "cpu"), Recorder()
     assert method.fit(training_set(), Budget(), recorder).status is Status.OK
@@ -42,4 +45,4 @@ def test_the_unit_follows_the_nearest_points() -> None:
 
 def test_a_kernel_has_at_least_two_points() -> None:
     with pytest.raises(InputError, match="kernel_points"):
-        DeformableField({"kernel_points": 1}, 0, "cpu")
+        DeblurNeRF({"kernel_points": 1}, 0, "cpu")

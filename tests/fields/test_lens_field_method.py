@@ -15,15 +15,17 @@ from dofbench.core.budget import Budget
 from dofbench.core.contracts import Rendering, Sketches
 from dofbench.core.errors import InputError, Status
 from dofbench.core.lens import PhysicalLens
+from dofbench.methods.dofnerf.method import DoFNeRF
+from dofbench.methods.lensnerf.method import LensNeRF
+from dofbench.methods.nerfocus.method import NeRFocus
 from dofbench.optics.defocus import defocus_numpy
 from dofbench.training.fields import field_trainer
+from dofbench.training.fields.cube_rays import RaysSeen
 from dofbench.training.fields.field_method import FieldMethod
-from dofbench.training.fields.lens_field_method import LensFieldMethod, LensRayField, PatchField, RefocusedField
-from dofbench.training.fields.lens_rendering import through_points
-from dofbench.training.fields.rays_seen import RaysSeen
+from dofbench.training.fields.lens_field import LensFieldMethod, through_points
 
 SHORT = field_options()
-METHODS = {"rays": (LensRayField, {"lens_points": 5}), "patch": (PatchField, {"patch_side": 20, "patch_from": 0.4})}
+METHODS = {"rays": (LensNeRF, {"lens_points": 5}), "patch": (DoFNeRF, {"patch_side": 20, "patch_from": 0.4})}
 
 
 def trained(kind: str) -> tuple[LensFieldMethod, Recorder]:
@@ -109,14 +111,14 @@ def test_a_wall_through_points_of_a_lens() -> None:
 
 def test_a_photograph_has_rays_of_its_own_number() -> None:
     """Not as many as a pixel has in training."""
-    method = LensRayField({**SHORT, "lens_points": 5, "render_points": 7}, 0, "cpu")
+    method = LensNeRF({**SHORT, "lens_points": 5, "render_points": 7}, 0, "cpu")
     method.fit(training_set(), Budget(), Recorder())
     camera, lens = cameras()[1], PhysicalLens(25.0, 0.2, WIDTH)
     found = method.render(camera, lens).image
     assert np.array_equal(found, through_points(method._trained(), camera, lens, 7).image)
     assert not np.array_equal(found, through_points(method._trained(), camera, lens, 5).image)
     with pytest.raises(InputError, match="render_points"):
-        LensRayField({"render_points": 0}, 0, "cpu")
+        LensNeRF({"render_points": 0}, 0, "cpu")
 
 
 def test_a_scattered_view_is_the_sharp_view_defocused() -> None:
@@ -128,7 +130,7 @@ def test_a_scattered_view_is_the_sharp_view_defocused() -> None:
     assert np.array_equal(method.sketch(sharp, lens).image, method.render(camera, lens).image)
 
 
-@pytest.mark.parametrize("make", [LensRayField, RefocusedField])
+@pytest.mark.parametrize("make", [LensNeRF, NeRFocus])
 def test_a_sketch_is_about_the_photograph(make: type[FieldMethod]) -> None:
     method = make({**SHORT, "render_points": 64}, 0, "cpu")
     method.fit(training_set(), Budget(), Recorder())
@@ -144,4 +146,4 @@ def test_a_sketch_is_about_the_photograph(make: type[FieldMethod]) -> None:
 @pytest.mark.parametrize("changes", [{"lens": False}, {"lens_range": "render"}, {"lens_clip": True}])
 def test_options_that_a_field_has_not(changes: dict) -> None:
     with pytest.raises(InputError, match="option lens"):
-        LensRayField(changes, 0, "cpu")
+        LensNeRF(changes, 0, "cpu")

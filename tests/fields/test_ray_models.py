@@ -27,25 +27,24 @@ from dofbench.core.blur import Blur
 from dofbench.core.contracts import TrainingView
 from dofbench.core.errors import InputError
 from dofbench.core.lens import DisparityRange
-from dofbench.optics.defocus import defocus
-from dofbench.training.common.lenses import LearnedLenses, LensOptions
-from dofbench.training.common.networks import redraw
-from dofbench.training.fields.forward.blur_kernels import KernelOptions
-from dofbench.training.fields.forward.deformable_kernel import DeformableKernel, DeformableOptions
-from dofbench.training.fields.forward.lens_rays import LensRayOptions, LensRays, disc_points
-from dofbench.training.fields.forward.mixed_rays import mixed
-from dofbench.training.fields.forward.pinhole_rays import PinholeRays
-from dofbench.training.fields.forward.progressive_kernel import ProgressiveKernel, ProgressiveOptions
-from dofbench.training.fields.forward.ray_model import RayModel
-from dofbench.training.fields.forward.rendered_patch import PatchOptions, RenderedPatch
-from dofbench.training.fields.forward.rigid_kernel import RigidKernel, screw_motion
-from dofbench.training.fields.forward.weight_proposal import (
+from dofbench.methods.deblurnerf.method import DeformableKernel, DeformableOptions
+from dofbench.methods.dofnerf.method import PatchOptions, RenderedPatch
+from dofbench.methods.dpnerf.method import RigidKernel, screw_motion
+from dofbench.methods.dpnerf.weight_proposal import (
     WeightProposal,
     WeightProposalOptions,
     _CurveAttention,
     integrated,
 )
+from dofbench.methods.lensnerf.method import LensRayOptions, LensRays
+from dofbench.methods.pdrf.method import ProgressiveKernel, ProgressiveOptions
+from dofbench.optics.defocus import defocus
+from dofbench.training.common.lenses import LearnedLenses, LensOptions
+from dofbench.training.common.networks import redraw
+from dofbench.training.fields.blur_kernels import KernelOptions
+from dofbench.training.fields.lens_field import disc_points
 from dofbench.training.fields.pixels import Pixels, TrainingPixels, whole_image
+from dofbench.training.fields.ray_model import RayModel, mixed
 
 UNIT = 2.0  # depth that counts as 1 for the kernels
 RANGE = DisparityRange(0.1, 0.6)
@@ -86,7 +85,7 @@ def colours(model: RayModel, scene: PlaneScene, at: Pixels, progress: float) -> 
 
 
 def sharp(scene: PlaneScene, at: Pixels) -> Tensor:
-    return colours(PinholeRays(), scene, at, 0.0)
+    return colours(RayModel(), scene, at, 0.0)
 
 
 def test_a_pinhole_shows_the_wall() -> None:
@@ -239,7 +238,7 @@ def test_a_rotation_turns_rays_about_the_centre() -> None:
 def test_the_first_ray_of_both_proposals_is_the_pixel_s_own() -> None:
     model, scene, at = progressive(), PlaneScene(3.0, waves), pixels()
     for told in (torch.zeros(25, 4, 15), torch.rand(25, 4, 15)):
-        rays = model._proposed(scene, at, told)
+        rays = model._propose(scene, at, told)
         assert not rays.places[:, 0].any() and not rays.origins[:, 0].any()
         assert bool((rays.places[:, 1:] != 0).all()) and bool((rays.origins[:, 1:] != 0).all())
 

@@ -9,13 +9,14 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up import frontal
-from tolerances import FLOAT64_VALUE, SEARCHED_PLACE
+from made_up import cloud, frontal
+from tolerances import FLOAT32_VALUE, FLOAT64_VALUE, SEARCHED_PLACE
 
 from dofbench.core.cameras import Camera
+from dofbench.core.contracts import PointCloud
 from dofbench.training.fields.cube_rays import Space
 from dofbench.training.fields.pixels import CameraTable, whole_image
-from dofbench.training.fields.space import Frustum, space_for, space_of
+from dofbench.training.fields.space import AnnealedSpace, Frustum, space_for, space_of
 from dofbench.training.fields.unbounded import Unbounded
 
 PLACES = [(-0.3, 0.1, 0.2), (0.4, 0.0, -0.1), (0.0, -0.3, 0.0)]
@@ -150,3 +151,52 @@ def test_the_record_gives_the_space_back() -> None:
 
 def test_nodes_follow_the_sides() -> None:
     assert Frustum(np.eye(4), np.zeros(2), np.array([2.0, 1.0]), 1.0, 0.1).nodes(100) == (100, 50, 50)
+
+
+def line() -> PointCloud:
+    """Points ahead of a camera, at depths from 2 to 8 in even steps, and one behind it."""
+    z = np.linspace(2, 8, 601)
+    xyz = [*np.stack([0 * z, 0 * z, z], 1).tolist(), [0.0, 0.0, -3.0]]
+    return cloud(xyz, views=[np.array([0, 1])] * 601 + [np.array([], int)])
+
+
+def cameras() -> list[Camera]:
+    """Two that look ahead, and one between the points that sees none of them."""
+    turned = frontal(40, 30, 45.0)
+    aside = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    return [
+        frontal(40, 30, 45.0),
+        frontal(40, 30, 45.0),
+        Camera(40, 30, 45.0, 45.0, 20.0, 15.0, aside @ turned.world_to_camera),
+    ]
+
+
+def near(space: AnnealedSpace, progress: float) -> float:
+    found = space.at(progress)
+    assert isinstance(found, Unbounded)
+    return found.near
+
+
+def test_rays_begin_half_way_from_the_middle_and_then_come_nearer() -> None:
+    """Until 256 of 1000 steps."""
+    space = AnnealedSpace.of(cameras(), line())
+    last = near(space, 0.256)
+    assert 1.2 < last < 2.0  # before the nearest point
+    assert near(space, 0) == near(space, 0.128) == pytest.approx((5 + last) / 2, rel=FLOAT32_VALUE)
+    assert near(space, 0.192) == pytest.approx(last + (5 - last) / 4, rel=FLOAT32_VALUE)
+    assert near(space, 0.9) == last
+    at_first, whole = space.at(0).record(), space.whole.record()
+    assert all((at_first[name] == whole[name]).all() for name in whole if name != "near")
+
+
+def test_a_frustum_is_there_from_the_start() -> None:
+    space = AnnealedSpace.of(
+        [frontal(40, 30, 45.0), frontal(40, 30, 45.0, (0.1, 0, 0))], cloud(line().xyz[:-1], views=line().views[:-1])
+    )
+    assert not isinstance(space.whole, Unbounded) and space.at(0) is space.whole
+
+
+def test_cameras_that_see_nothing_leave_nothing_out() -> None:
+    unseen = cloud(line().xyz, views=[np.array([], int)] * 602)
+    space = AnnealedSpace.of(cameras(), unseen)
+    assert near(space, 0) == near(space, 0.256) == 0

@@ -18,14 +18,13 @@ from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import InputError, Status
-from dofbench.training.fields.annealed_space import AnnealedSpace
 from dofbench.training.fields.field_method import FieldMethod
 from dofbench.training.fields.field_options import FieldOptions, RayOptions
-from dofbench.training.fields.field_scene import FieldScene
+from dofbench.training.fields.field_scene import FieldScene, Surroundings, on_square
 from dofbench.training.fields.field_trainer import FieldTrainer
-from dofbench.training.fields.forward.pinhole_rays import PinholeRays
 from dofbench.training.fields.grid_field import GridField, GridOptions
-from dofbench.training.fields.surroundings import Surroundings, on_square
+from dofbench.training.fields.ray_model import RayModel
+from dofbench.training.fields.space import AnnealedSpace
 from dofbench.training.fields.unbounded import Unbounded
 
 PARTS = st.floats(-1, 1).filter(lambda part: abs(part) > 1e-3)
@@ -155,7 +154,7 @@ def test_rates_rise_from_nothing_where_views_are_from_all_around(turned: bool, s
         )
         shown = TrainingSet(views, cloud(shown.points.xyz + [0, 0, 4.0]))
     options = FieldOptions.of(**SHORT | {"steps": 100, "lr_final": 0.05})
-    trainer = FieldTrainer(shown, options, PinholeRays(), 0)
+    trainer = FieldTrainer(shown, options, RayModel(), 0)
     trainer.fit(Budget(), Recorder(3))
     (rate,) = {group["lr"] for group in trainer._optimiser.param_groups if group["first"] == options.rates.grid_lr}
     assert rate == pytest.approx(share * options.rates.grid_lr * 0.05**0.02, rel=FLOAT64_VALUE)
@@ -165,7 +164,7 @@ def test_rays_begin_farther_away_while_training_begins() -> None:
     """At the first of 300 steps, at the second, and when all of them are taken."""
     shown, near = photographs(), []
     for stop in (1, 2, 300):
-        trainer = FieldTrainer(shown, FieldOptions.of(**SHORT), PinholeRays(), 0)
+        trainer = FieldTrainer(shown, FieldOptions.of(**SHORT), RayModel(), 0)
         trainer.fit(Budget(), Recorder(stop))
         assert isinstance(trainer.scene.space, Unbounded)
         near.append(trainer.scene.space.near)

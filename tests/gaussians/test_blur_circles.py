@@ -12,8 +12,8 @@ from tolerances import FLOAT32_VALUE, PLANE_DEPTH
 
 from dofbench.core.cameras import Camera
 from dofbench.core.lens import DisparityRange, PhysicalLens
-from dofbench.training.gaussians.blur_circles import foci_apart, widest_circle
-from dofbench.training.gaussians.forward.shot import Shot
+from dofbench.training.gaussians.forward_model import Shot
+from dofbench.training.gaussians.lens_renderer import foci_apart, widest_circle
 from dofbench.training.gaussians.model import Gaussians
 from dofbench.training.gaussians.render import AppearanceOptions
 
@@ -60,7 +60,7 @@ def test_of_a_view_it_is_that_of_95_pixels_in_100(columns: float, near: bool, mo
         def __init__(self) -> None:
             self.depth = depth
 
-    monkeypatch.setattr("dofbench.training.gaussians.blur_circles.rasterise", lambda *_, **__: Flat())
+    monkeypatch.setattr("dofbench.training.gaussians.lens_renderer.rasterise", lambda *_, **__: Flat())
     found = widest_circle(_walls((0.0, 4.0)), [_shot(3.0, 0.2)], OPTIONS)
     assert found == pytest.approx(3.0 * abs((1.0 if near else 0.25) - 0.2), rel=FLOAT32_VALUE)
 

@@ -1,5 +1,6 @@
 import math
 from dataclasses import asdict
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from dofbench.training.gaussians.density import DensityControl, DensityOptions, 
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.model import PARAMETERS, Gaussians, scene_extent
 from dofbench.training.gaussians.optimiser import GaussianOptimiser, RateOptions
-from dofbench.training.gaussians.vanilla import PrunedDensity
+
+splatting = import_module("dofbench.methods.3dgs.method")
 
 
 def _setup(count=12, **overrides):
@@ -74,7 +76,7 @@ def test_3dgs_removes_what_is_huge_after_the_first_reset(progress: float, left: 
     gaussians, optimiser, _ = _setup(count=4)
     with torch.no_grad():
         gaussians.parameters["log_scales"][:] = torch.tensor([0.05, 0.2, 0.4, 0.11]).log()[:, None]
-    options = PrunedDensity(densify_from=0.0, densify_every=1, reset_every=0.2, prune_scale=0.1)
+    options = splatting.PrunedDensity(densify_from=0.0, densify_every=1, reset_every=0.2, prune_scale=0.1)
     density = DensityControl(gaussians, optimiser, options, 1.0, torch.Generator().manual_seed(0))
     density._next_reset = 1.0  # opacities stay
     _record(gaussians, density, [2, 3])
@@ -108,25 +110,6 @@ def test_the_cap_keeps_the_neediest():
     density.after_step(1, 0.0)
     assert len(gaussians) == 13
     assert int((gaussians.parameters["means"].detach() == wanted).all(dim=1).sum()) == 2
-
-
-def test_the_cap_is_filled_by_those_at_the_threshold_too():
-    gaussians, _, density = _setup(grow_gradient=0.25, max_gaussians=14)
-    with torch.no_grad():
-        gaussians.parameters["log_scales"][:] = math.log(1e-4)
-    gradient = torch.zeros(12, 2)
-    gradient[[1, 5, 8], 0] = 0.25 / 5  # times half of 10 pixels
-    _see(density, gradient)
-    density.after_step(1, 0.0)
-    assert len(gaussians) == 14
-
-
-def test_opacity_reset_lowers_opacity_and_forgets_moments():
-    gaussians, optimiser, density = _setup(reset_every=0.1, densify_every=1000)
-    density.after_step(1, 0.15)
-    opacity = torch.sigmoid(gaussians.parameters["opacity_logits"].detach())
-    assert float(opacity.max()) == pytest.approx(0.01, rel=FLOAT32_SCALAR)
-    assert not optimiser.state()["opacity_logits"].moments.exp_avg.any()
 
 
 def test_an_opacity_may_be_reset_as_it_is_after_the_3d_filter():
@@ -232,17 +215,6 @@ def test_the_gradient_is_the_mean_over_visits_in_units_of_half_the_image():
     assert grown(8, 6, [(0.3, 0.0), (0.0, 0.0)], [True, False]) == 1
 
 
-def test_when_gaussians_are_added_and_removed():
-    _, _, density = _setup(densify_from=0.2, densify_until=0.5, densify_every=10)
-    due = [(10, 0.2), (20, 0.3), (30, 0.49)]
-    for step, progress in [(10, 0.19), (11, 0.3), (25, 0.4), (30, 0.5), (40, 0.9)]:
-        _record(density._gaussians, density, [])
-        assert density.after_step(step, progress) is False, (step, progress)
-    for step, progress in due:
-        _record(density._gaussians, density, [])
-        assert density.after_step(step, progress) is True, (step, progress)
-
-
 def test_when_opacities_are_reset():
     """Every tenth of the training from the first one on, between the beginning and the end of densification."""
     gaussians, _, density = _setup(reset_every=0.1, densify_from=0.15, densify_until=0.45, densify_every=1000)
@@ -274,18 +246,6 @@ def test_a_clone_that_shares_lets_as_much_light_through():
         assert through == pytest.approx(1 - float(before[index]), rel=FLOAT32_GRADIENT)
     others = [index for index in range(12) if index not in (2, 9)]
     assert np.allclose(after[others].numpy(), before[others].numpy(), rtol=FLOAT32_VALUE)
-
-
-def test_graded_pruning_asks_a_third_of_the_opacity_of_the_farthest():
-    gaussians, _, density = _setup(count=6, prune_opacity=0.3, prune_depth_graded=True)
-    with torch.no_grad():
-        gaussians.parameters["means"][:, 2] = torch.tensor([2.0, 2.0, 6.0, 6.0, 4.0, 4.0])
-        wanted = torch.tensor([0.31, 0.29, 0.11, 0.09, 0.16, 0.14])  # 0.3 over 1, 3, and 2 in the middle
-        gaussians.parameters["opacity_logits"][:] = torch.logit(wanted)
-    _record(gaussians, density, [])
-    density.after_step(1, 0.0)
-    left = torch.sigmoid(gaussians.parameters["opacity_logits"].detach())
-    assert np.allclose(left.numpy(), [0.31, 0.11, 0.16], rtol=FLOAT32_VALUE)
 
 
 def test_children_are_drawn_from_their_parent():
@@ -356,11 +316,6 @@ def test_loading_something_else_is_one_clear_line(tmp_path, content):
     path.write_bytes(content)
     with pytest.raises(InputError, match="saved Gaussians"):
         Gaussians.load(path)
-
-
-def test_no_points_is_the_users_mistake():
-    with pytest.raises(InputError, match="at least 4"):
-        Gaussians.from_points(None, 3)
 
 
 def test_extent_of_a_single_camera_is_one():

@@ -13,10 +13,11 @@ from tolerances import FLOAT32_VALUE
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import Status
+from dofbench.methods.cocogaussian.method import CoCoGaussian
+from dofbench.methods.deblurring3dgs.method import Deblurring3DGS
 from dofbench.runtime.raster import ViewStatistics
-from dofbench.training.gaussians.blur_methods import Copied, Enlarged
 from dofbench.training.gaussians.density import DensityControl, DensityOptions
-from dofbench.training.gaussians.extra_points import ExtraOptions, GrowingOnce, drawn_between, neighbour_distances
+from dofbench.training.gaussians.extra_points import ExtraOptions, GrowingOnce, draw_between, neighbour_distances
 from dofbench.training.gaussians.model import Gaussians
 from dofbench.training.gaussians.optimiser import GaussianOptimiser, RateOptions
 
@@ -29,7 +30,7 @@ def grid() -> torch.Tensor:
 def test_points_fill_the_box_without_its_outermost_ones_and_stay_near_others() -> None:
     means = torch.cat([grid(), torch.tensor([[900.0, 900.0, 900.0]])])
     options = ExtraOptions(extra_points=5000, extra_within=0.5)
-    places, _ = drawn_between(means, torch.zeros(len(means), 3), options, torch.Generator().manual_seed(0))
+    places, _ = draw_between(means, torch.zeros(len(means), 3), options, torch.Generator().manual_seed(0))
     assert float(places.min()) >= 0 and float(places.max()) <= 9  # not as far as the one at 900
     nearest = (places[:, None] - means).norm(dim=2).min(dim=1).values
     # Within half a spacing of a corner of its cell: pi / 6 of all.
@@ -43,7 +44,7 @@ def test_a_colour_is_the_mean_of_the_four_nearest_by_distance() -> None:
     means = torch.from_numpy(random.uniform(size=(200, 3))).float()
     colours = torch.from_numpy(random.uniform(size=(200, 3))).float()
     options = ExtraOptions(extra_points=50, extra_within=1e9)
-    places, found = drawn_between(means, colours, options, torch.Generator().manual_seed(0))
+    places, found = draw_between(means, colours, options, torch.Generator().manual_seed(0))
     assert len(places) == 50
     for place, colour in zip(places, found, strict=True):
         distance = (means - place).norm(dim=1).double()
@@ -105,7 +106,7 @@ def test_none_are_added_unless_asked() -> None:
     assert not density.after_step(1, 0.5) and len(gaussians) == 100
 
 
-@pytest.mark.parametrize("kind", [Enlarged, Copied])
+@pytest.mark.parametrize("kind", [Deblurring3DGS, CoCoGaussian])
 def test_a_training_goes_on_with_them(kind) -> None:
     options = {"steps": 60, "sh_degree": 1, "densify_from": 0.9, "reset_every": 0.0, "extra_points": 200}
     method = kind(options, 0, "cpu")

@@ -5,21 +5,25 @@ import itertools
 import numpy as np
 import pytest
 import torch
-from dofbench.methods.dofgaussian.method import DoFGaussian
 from made_up import Recorder
 from small_scene import cameras, options, training_set
 
 from dofbench.core.budget import Budget
 from dofbench.core.lens import PhysicalLens
-from dofbench.training.gaussians import exposure
-from dofbench.training.gaussians.exposure import Exposures, render_view
-from dofbench.training.gaussians.forward.forward_model import BlurOptions
-from dofbench.training.gaussians.forward.forward_schedule import rendering_model
-from dofbench.training.gaussians.forward.lens_samples import LensSamples, SamplesOptions
-from dofbench.training.gaussians.forward.own_blur import OwnBlur
-from dofbench.training.gaussians.forward.pinhole import Pinhole
-from dofbench.training.gaussians.forward.scatter_blur import ScatterBlur, ScatterOptions
+from dofbench.methods.dofgaussian.method import DoFGaussian
+from dofbench.training.gaussians import lens_renderer
+from dofbench.training.gaussians.forward_model import BlurOptions, SharpView, Shot
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.gaussians.lens_models import (
+    LensSamples,
+    OwnBlur,
+    Pinhole,
+    SamplesOptions,
+    ScatterBlur,
+    ScatterOptions,
+    rendering_model,
+)
+from dofbench.training.gaussians.lens_renderer import LensRenderer
 from dofbench.training.gaussians.render import rasterise
 from dofbench.training.gaussians.surface_terms import richest
 from dofbench.training.gaussians.trainer import Trainer
@@ -81,40 +85,40 @@ def rasterised(monkeypatch) -> list[str]:
         seen.append(geometry)
         return rasterise(*given, geometry=geometry, **more)
 
-    monkeypatch.setattr(exposure, "rasterise", counted)
+    monkeypatch.setattr(lens_renderer, "rasterise", counted)
     return seen
 
 
 @pytest.mark.parametrize("changes", [{}, {"lens_model": "samples"}, {"lens_model": "samples", "lens_rings": 0}])
 def test_many_lenses_on_one_camera_take_one_sharp_view(rasterised, changes):
     trainer, chosen = Trainer(training_set(), options(), 0), GaussianOptions.of(sh_degree=1, **changes)
-    exposures, (camera, other, _) = Exposures(trainer.gaussians, chosen), cameras()
+    renderer, (camera, other, _) = LensRenderer(trainer.gaussians, chosen), cameras()
     lenses = [PhysicalLens(aperture, LENS.focus_disparity, 48) for aperture in (10.0, 30.0, 60.0)]
-    pictures = [exposures.render(camera, lens).image for lens in lenses]
+    pictures = [renderer.render(camera, lens).image for lens in lenses]
     assert rasterised.count("depth") == 1
     for lens, picture in zip(lenses, pictures, strict=True):
-        assert np.array_equal(picture, render_view(trainer.gaussians, camera, chosen, lens=lens).image)
+        assert np.array_equal(picture, LensRenderer(trainer.gaussians, chosen).render(camera, lens).image)
     del rasterised[:]
-    apart = exposures.render(other, LENS).image
+    apart = renderer.render(other, LENS).image
     assert rasterised.count("depth") == 1 and not np.array_equal(apart, pictures[1])
 
 
 def test_a_picture_without_a_lens_is_always_rasterised(rasterised):
     """Because the speed of such renderings is a score (frames per second)."""
     trainer = Trainer(training_set(), options(), 0)
-    exposures, camera = Exposures(trainer.gaussians, options()), cameras()[0]
+    renderer, camera = LensRenderer(trainer.gaussians, options()), cameras()[0]
     for lens in (LENS, None, None):
-        exposures.render(camera, lens)
+        renderer.render(camera, lens)
     assert rasterised == ["depth"] * 3
 
 
 def test_what_is_done_to_a_picture_does_not_reach_the_next():
     trainer, camera = Trainer(training_set(), options(), 0), cameras()[0]
-    exposures, closed = Exposures(trainer.gaussians, options()), PhysicalLens(0.0, 0.2, 48)
-    first = exposures.render(camera, closed)
+    renderer, closed = LensRenderer(trainer.gaussians, options()), PhysicalLens(0.0, 0.2, 48)
+    first = renderer.render(camera, closed)
     kept = first.image.copy(), first.depth.copy()
     first.image[:], first.depth[:] = 7.0, 7.0
-    second = exposures.render(camera, closed)
+    second = renderer.render(camera, closed)
     assert np.array_equal(second.image, kept[0]) and np.array_equal(second.depth, kept[1])
 
 
@@ -152,9 +156,6 @@ def test_the_order_of_photographs_does_not_depend_on_how_many_points_look_at_the
 
 def test_the_blurs_gradient_reaches_the_depth_where_it_is_asked_to():
     trainer, camera = Trainer(training_set(), options(), 0), cameras()[0]
-    from dofbench.training.gaussians.forward.forward_model import SharpView
-    from dofbench.training.gaussians.forward.shot import Shot
-
     raster = rasterise(trainer.gaussians, camera, trainer.options.appearance)
     for to_depth in (False, True):
         depth = raster.depth.detach().requires_grad_()
@@ -162,5 +163,5 @@ def test_the_blurs_gradient_reaches_the_depth_where_it_is_asked_to():
         sharp = SharpView(lambda seen=seen: seen)
         model = ScatterBlur(BlurOptions(blur_to_depth=to_depth), ScatterOptions())
         slope = torch.tensor(8.0, requires_grad=True)
-        model.photograph(None, sharp, Shot(camera, trainer.state.range, slope, -2.0)).square().sum().backward()
+        model.render(None, sharp, Shot(camera, trainer.state.range, slope, -2.0)).square().sum().backward()
         assert (depth.grad is not None and bool(depth.grad.any())) is to_depth and float(slope.grad) != 0

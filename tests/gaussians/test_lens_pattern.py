@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.special import j1
 from tolerances import FLOAT32_SCALAR, FLOAT64_VALUE, PATTERN_SCALE
 
-from dofbench.training.gaussians.forward.lens_pattern import (
+from dofbench.training.gaussians.lens_pattern import (
     MOST_RINGS,
     cell_variance,
     lens_points,

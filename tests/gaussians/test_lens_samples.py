@@ -17,17 +17,21 @@ from tolerances import (
 from dofbench.core.cameras import Camera
 from dofbench.core.lens import DisparityRange, Lens
 from dofbench.runtime.raster import ViewStatistics
-from dofbench.training.gaussians.exposure import StillRasteriser, render_view
-from dofbench.training.gaussians.forward import lens_samples
-from dofbench.training.gaussians.forward.forward_model import BlurOptions
-from dofbench.training.gaussians.forward.lens_pattern import cell_variance, lens_points
-from dofbench.training.gaussians.forward.lens_samples import circles_in_view, together, views_from_lens
-from dofbench.training.gaussians.forward.scatter_blur import ScatterBlur, ScatterOptions
-from dofbench.training.gaussians.forward.shot import Shot
+from dofbench.training.gaussians import lens_models
+from dofbench.training.gaussians.forward_model import BlurOptions, Shot
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.gaussians.lens_models import (
+    ScatterBlur,
+    ScatterOptions,
+    circles_in_view,
+    mean_light,
+    views_from_lens,
+)
+from dofbench.training.gaussians.lens_pattern import cell_variance, lens_points
+from dofbench.training.gaussians.lens_renderer import LensRenderer, StillRasteriser
 from dofbench.training.gaussians.model import Gaussians
 from dofbench.training.gaussians.render import AppearanceOptions, rasterise, rasterise_from_points
-from dofbench.training.gaussians.step_rasteriser import summed
+from dofbench.training.gaussians.training_step import summed
 
 WIDTH, HEIGHT = 96, 72
 BOUNDS = DisparityRange(0.1, 0.5)
@@ -108,9 +112,9 @@ def test_before_a_plane_it_blurs_as_the_scatter_does():
     """On a single plane there is no occlusion, so both models give the same photograph."""
     gaussians, camera = _scene([2.5], count=5000), _camera()
     lens = Lens(4.0, 0.0).physical(BOUNDS, WIDTH)
-    by_samples = render_view(gaussians, camera, _options(), lens=lens).image
-    by_scatter = render_view(gaussians, camera, _options(lens_model="scatter"), lens=lens).image
-    sharp = render_view(gaussians, camera, _options(), lens=None).image
+    by_samples = LensRenderer(gaussians, _options()).render(camera, lens).image
+    by_scatter = LensRenderer(gaussians, _options(lens_model="scatter")).render(camera, lens).image
+    sharp = LensRenderer(gaussians, _options()).render(camera, None).image
     inside = (slice(8, -8), slice(8, -8))
     assert np.abs(by_samples - by_scatter)[inside].mean() < SAMPLED_PLANE
     assert np.abs(by_samples - sharp)[inside].mean() > 4 * SAMPLED_PLANE
@@ -126,7 +130,7 @@ def test_a_sharp_foreground_hides_the_blurred_background_where_the_scatter_smear
         gaussians.parameters["opacity_logits"][near & (means[:, 0] > 0)] = -20
     lens = Lens(12.0, float(BOUNDS.normalise(1 / 2.2))).physical(BOUNDS, WIDTH)
     sharp, by_samples, by_scatter = (
-        render_view(gaussians, camera, _options(lens_model=model), lens=asked).image[..., 0]
+        LensRenderer(gaussians, _options(lens_model=model)).render(camera, asked).image[..., 0]
         for model, asked in (("samples", None), ("samples", lens), ("scatter", lens))
     )
     hidden = np.zeros(sharp.shape, dtype=bool)
@@ -168,13 +172,11 @@ def test_a_picture_of_few_points_is_that_of_many(monkeypatch, aperture):
         gaussians.parameters["sh_dc"][near] *= -1
         gaussians.parameters["opacity_logits"][near & (gaussians.parameters["means"][:, 0] > 0)] = -20
     lens = Lens(aperture, 0.3).physical(BOUNDS, WIDTH)
-    monkeypatch.setattr(
-        lens_samples, "views_from_lens", lambda *given: seen.append(given[2]) or views_from_lens(*given)
-    )
-    few = render_view(gaussians, camera, _options(), lens=lens).image
-    monkeypatch.setattr(lens_samples, "rings_for", lambda *given: 4)
-    many = render_view(gaussians, camera, _options(), lens=lens).image
-    sharp = render_view(gaussians, camera, _options(), lens=None).image
+    monkeypatch.setattr(lens_models, "views_from_lens", lambda *given: seen.append(given[2]) or views_from_lens(*given))
+    few = LensRenderer(gaussians, _options()).render(camera, lens).image
+    monkeypatch.setattr(lens_models, "rings_for", lambda *given: 4)
+    many = LensRenderer(gaussians, _options()).render(camera, lens).image
+    sharp = LensRenderer(gaussians, _options()).render(camera, None).image
     assert seen[0] < seen[1] == 4
     assert np.abs(few - many).mean() < FEW_POINTS * np.abs(sharp - many).mean()
 
@@ -189,7 +191,7 @@ def test_the_gradient_by_the_lens_is_the_difference_quotient(rings):
     scene = StillRasteriser(gaussians, AppearanceOptions(sh_degree=0, filter_3d=False))
 
     def loss(slope, offset):
-        image = together(views_from_lens(scene, Shot(camera, BOUNDS, slope, offset), rings, to_depth=True), 2.2)
+        image = mean_light(views_from_lens(scene, Shot(camera, BOUNDS, slope, offset), rings, to_depth=True), 2.2)
         return (image - 0.5).square().sum()
 
     values = torch.tensor([8.0, -3.0], dtype=torch.float64, requires_grad=True)
@@ -208,14 +210,14 @@ def test_without_gradient_to_depth_the_lens_still_learns():
     gaussians, statistics = _scene([2.5, 6.0], count=300), []
 
     class Counted(StillRasteriser):
-        def from_points(self, camera, points, radius, blur):
+        def rasterise_from_points(self, camera, points, radius, blur):
             statistics.append(ViewStatistics(want_abs=True))
             assert len(points) == 5
             return rasterise_from_points(self.gaussians, camera, LOOKS, points, radius, blur, statistics=statistics[-1])
 
     slope = torch.tensor(0.8, requires_grad=True)
     shot = Shot(_camera(), BOUNDS, slope, -0.3)
-    together(views_from_lens(Counted(gaussians, LOOKS), shot, 1, to_depth=False), 2.2).square().sum().backward()
+    mean_light(views_from_lens(Counted(gaussians, LOOKS), shot, 1, to_depth=False), 2.2).square().sum().backward()
     assert float(slope.grad) != 0
     (whole,) = statistics
     assert bool((whole.abs_grad_2d >= whole.grad_2d.abs() * (1 - FLOAT32_GRADIENT)).all()) and bool(whole.visible.any())
@@ -224,14 +226,14 @@ def test_without_gradient_to_depth_the_lens_still_learns():
 
 def test_a_mean_is_taken_in_linear_light():
     black, white = torch.zeros(4, 4, 3), torch.ones(4, 4, 3)
-    assert together(torch.stack([black, white]), 2.2).numpy() == pytest.approx(0.5 ** (1 / 2.2), abs=FLOAT32_VALUE)
+    assert mean_light(torch.stack([black, white]), 2.2).numpy() == pytest.approx(0.5 ** (1 / 2.2), abs=FLOAT32_VALUE)
 
 
 def test_the_focused_plane_is_as_sharp_as_without_a_lens():
     gaussians, camera = _scene([2.5], count=2000), _camera()
     lens = Lens(1.0, float(BOUNDS.normalise(1 / 2.5))).physical(BOUNDS, WIDTH)
-    image = render_view(gaussians, camera, _options(), lens=lens).image
-    sharp = render_view(gaussians, camera, _options(), lens=None).image
+    image = LensRenderer(gaussians, _options()).render(camera, lens).image
+    sharp = LensRenderer(gaussians, _options()).render(camera, None).image
     assert np.abs(image - sharp).max() < SAMPLED_PLANE
 
 

@@ -1,17 +1,24 @@
+"""Losses on surfaces and depth by hand, and the known depth of a view."""
+
 import math
 from itertools import product
 
 import numpy as np
 import pytest
 import torch
+from made_up import cloud, frontal
 from tolerances import FLOAT32_SCALAR, PLANE_NORMAL
 
 from dofbench.core.cameras import Camera
-from dofbench.training.common.adaptation import AdaptationOptions
-from dofbench.training.common.depth_loss import SupervisionOptions, depth_loss
-from dofbench.training.common.supervision import DepthSamples
-from dofbench.training.gaussians.distortion import DistortionOptions, distortion_loss
-from dofbench.training.gaussians.normals import NormalOptions, normal_consistency, normals_from_depth
+from dofbench.training.common.depth import DepthMap, DepthSamples, SupervisionOptions, depth_loss, sparse_depth
+from dofbench.training.common.losses import AdaptationOptions
+from dofbench.training.gaussians.surface_losses import (
+    DistortionOptions,
+    NormalOptions,
+    distortion_loss,
+    normal_consistency,
+    normals_from_depth,
+)
 from dofbench.training.gaussians.surface_terms import Distortion, Normals
 
 CAMERA = Camera(24, 18, 20.0, 21.0, 12.5, 8.0, np.eye(4))
@@ -85,13 +92,6 @@ def test_distortion_counts_less_where_colour_jumps_and_not_at_the_border():
     assert torch.allclose(weight, expected)
 
 
-def test_step_function_has_the_printed_values():
-    options = AdaptationOptions()
-    x = torch.tensor([0.0, 0.3, 0.5])
-    expected = [1 / (1 + math.exp(-15 * (value - 0.3))) for value in (0.0, 0.3, 0.5)]
-    assert np.allclose(options.psi(x), expected)
-
-
 def test_the_two_readings_of_eq_13_weight_opposite_regions():
     x = torch.tensor([[0.0, 0.1], [0.6, 0.8]])
     printed = AdaptationOptions(adaptation="psi").loss_weight(x)
@@ -157,3 +157,56 @@ def test_normals_and_distortion_act_from_their_share_of_the_training_on():
     distortion = Distortion(DistortionOptions(distortion_weight=1.0, distortion_from=0.4))
     for term in (normals, distortion):
         assert [term.acts(1, progress, None) for progress in (0.0, 0.39, 0.4, 1.0)] == [False, False, True, True]
+
+
+SEEN_FROM = frontal(100, 80, 90.0)
+
+
+def _on_grid(depth, pixels):
+    return [((u - 50) / 90 * depth, (v - 40) / 90 * depth, depth) for u, v in pixels]
+
+
+def test_tracks_decide_where_they_are_known():
+    xyz = _on_grid(5.0, [(10.5, 10.5), (60.5, 30.5), (90.5, 70.5)])
+    tracks = (np.array([0, 1]), np.array([1]), np.array([0]))
+    found = sparse_depth(cloud(xyz, tracks), SEEN_FROM, 0)
+    assert found.columns.tolist() == [10, 90] and found.rows.tolist() == [10, 70]
+    assert np.allclose(found.depth, 5.0)
+
+
+def test_points_behind_the_camera_and_outside_the_image_are_left_out():
+    xyz = [(0, 0, -3.0), (100.0, 0, 5.0), (0, 0, 5.0)]
+    found = sparse_depth(cloud(xyz), SEEN_FROM, 0)
+    assert found.columns.tolist() == [50] and found.rows.tolist() == [40]
+
+
+def test_without_tracks_points_behind_a_surface_are_left_out():
+    grid = [(u + 0.5, v + 0.5) for u in range(40, 60, 2) for v in range(30, 50, 2)]
+    front = _on_grid(4.0, grid)
+    behind = _on_grid(9.0, [(50.2, 40.2), (45.2, 36.2)])
+    elsewhere = _on_grid(9.0, [(u + 0.5, 70.5) for u in range(5, 95, 3)])
+    found = sparse_depth(cloud(front + behind + elsewhere), SEEN_FROM, 0)
+    assert len(found.depth) == len(front) + len(elsewhere)
+    assert int((found.depth > 5).sum()) == len(elsewhere)
+
+
+def test_samples_are_put_into_a_copy_of_a_depth_map() -> None:
+    before = DepthMap(np.full((2, 3), 4.0, np.float32), np.full((2, 3), 0.5, np.float32))
+    where = torch.tensor([1]), torch.tensor([2])
+    after = before.with_samples(DepthSamples(*where, torch.tensor([7.0])))
+    assert (before.depth == 4.0).all() and (before.weight == 0.5).all()
+    assert after.depth.tolist() == [[4, 4, 4], [4, 4, 7]] and after.weight.tolist() == [[0.5] * 3, [0.5, 0.5, 1.0]]
+
+
+def test_samples_on_a_device_are_in_the_order_of_their_pixels_with_what_belongs_to_them() -> None:
+    """And how many lie in one pixel at most is told, by which a GPU adds up their gradients."""
+    rows, columns = torch.tensor([2, 0, 2, 1, 2, 0]), torch.tensor([1, 5, 1, 0, 0, 5])
+    number = torch.arange(6, dtype=torch.float32)
+    found = DepthSamples(rows, columns, 1 + number, number).on("cpu")
+    assert list(zip(found.rows.tolist(), found.columns.tolist(), strict=True)) == [
+        (0, 5), (0, 5), (1, 0), (2, 0), (2, 1), (2, 1),
+    ]  # fmt: skip
+    assert found.weight is not None and found.weight.tolist() == [1, 5, 3, 4, 0, 2]
+    assert torch.equal(found.depth, 1 + found.weight) and found.most == 2
+    nothing = DepthSamples(rows[:0], columns[:0], number[:0]).on("cpu")
+    assert len(nothing.depth) == 0 and nothing.most == 1 and nothing.weight is None

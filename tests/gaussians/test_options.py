@@ -6,10 +6,9 @@ import pytest
 
 from dofbench.core.errors import InputError
 from dofbench.methods.cards import find_method
-from dofbench.training.common.adaptation import AdaptationOptions
-from dofbench.training.common.option_groups import OptionGroups, listed_options
-from dofbench.training.common.training_schedule import ScheduleOptions
-from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.common.losses import AdaptationOptions
+from dofbench.training.common.options import OptionGroups, listed_options
+from dofbench.training.gaussians.gaussian_options import GaussianOptions, ScheduleOptions
 
 
 def test_strings_become_the_options_type():
@@ -59,11 +58,6 @@ def test_an_unknown_name_is_told_all_that_there_are():
 def test_what_does_not_fit_together_is_refused(changes, expected):
     with pytest.raises(InputError, match=expected):
         GaussianOptions.of(**changes)
-
-
-def test_options_that_only_fit_together_may_be_changed_together():
-    polygon = GaussianOptions.of(lens_blades=6)
-    assert polygon.with_overrides({"lens_model": "samples", "lens_blades": 0}).blur.lens_model == "samples"
 
 
 def test_a_copy_leaves_the_original_and_its_other_groups_alone():
@@ -142,21 +136,3 @@ def test_photographs_are_shrunk_at_the_beginning_only():
     assert [schedule.size(progress) for progress in (0.0, 0.19, 0.2, 1.0)] == [4, 4, 1, 1]
     assert sorted(schedule.sizes) == [1, 4] and ScheduleOptions().sizes == (1,)
     assert replace(schedule, coarse_factor=1).sizes == (1,)
-
-
-@pytest.mark.parametrize("preset", ["paper", "released"])
-def test_depth_supervision_falls_to_a_tenth_as_published(preset):
-    entry = find_method("dofgaussian")
-    options = GaussianOptions().with_overrides(entry.preset(preset)[1]).supervision
-    for step in (0, 10_000, 30_000):
-        assert options.weight_at(step / 30_000) == pytest.approx(0.01 * (1 - 0.9 * step / 30_000))
-    # The paper uses a norm, the released code absolute differences; both of depth, not disparity.
-    assert (options.depth_norm, options.depth_space) == ({"paper": "l2", "released": "l1"}[preset], "depth")
-
-
-def test_the_released_preset_has_the_released_geometry_losses():
-    options = GaussianOptions().with_overrides(find_method("dofgaussian").preset("released")[1])
-    normals, distortion = options.normals, options.distortion
-    assert (normals.normal_weight, normals.normal_from, normals.normal_median) == (0.05, 0.5, 0.6)
-    assert (distortion.distortion_weight, distortion.distortion_from) == (100.0, 0.5)
-    assert (distortion.distortion_near, distortion.distortion_far, normals.normal_form) == (0.2, 100.0, "pixel")

@@ -5,25 +5,25 @@ The published figures are those of docs/published-methods.md, in the steps of th
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import pytest
 
-from dofbench.training.common.option_groups import listed_options
-from dofbench.training.gaussians.blur_methods import (
-    CopiedOptions,
-    FocusedOptions,
-    MaskedOptions,
-    ProposedOptions,
-    UniformlyBlurredOptions,
-)
+from dofbench.methods.bags.method import ProposedOptions
+from dofbench.methods.cocogaussian.method import CopiedOptions
+from dofbench.methods.dofgs.method import FocusedOptions
+from dofbench.methods.gsplat_deblur.method import MaskedOptions
+from dofbench.methods.rgs.method import RobustOptions
+from dofbench.training.common.options import listed_options
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
-from dofbench.training.gaussians.vanilla import VanillaOptions
 
+SplattingOptions = import_module("dofbench.methods.3dgs.method").SplattingOptions
 OPTIONS = {option.name: option for option in listed_options(GaussianOptions)}
 BLUR = {
     option.name: option
-    for kind in (UniformlyBlurredOptions, MaskedOptions, CopiedOptions, ProposedOptions, FocusedOptions, VanillaOptions)
+    for kind in (RobustOptions, MaskedOptions, CopiedOptions, ProposedOptions, FocusedOptions, SplattingOptions)
     for option in listed_options(kind)
-    if option.name not in OPTIONS or kind is VanillaOptions
+    if option.name not in OPTIONS or kind is SplattingOptions
 }
 PROPOSED = {option.name: option for option in listed_options(ProposedOptions)}
 

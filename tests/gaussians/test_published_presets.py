@@ -18,16 +18,13 @@ from dofbench.core.lens import DisparityRange
 from dofbench.methods.cards import find_method
 from dofbench.optics.tone import TOE, decode, encode
 from dofbench.runtime.ops import load
-from dofbench.training.common.rendered_surface import SURFACE_ALPHA
-from dofbench.training.common.stage_clock import StageClock
-from dofbench.training.common.supervision import sparse_depth
-from dofbench.training.common.training_views import Photograph
-from dofbench.training.gaussians.distortion import distortion_loss
-from dofbench.training.gaussians.forward.forward_model import SharpView
-from dofbench.training.gaussians.forward.shot import Shot
+from dofbench.training.common.depth import SURFACE_ALPHA, sparse_depth
+from dofbench.training.common.monitor import StageClock
+from dofbench.training.common.views import ScaledView
+from dofbench.training.gaussians.forward_model import SharpView, Shot
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
-from dofbench.training.gaussians.normals import normal_consistency
-from dofbench.training.gaussians.render import AppearanceOptions, rasterise
+from dofbench.training.gaussians.render import rasterise
+from dofbench.training.gaussians.surface_losses import distortion_loss, normal_consistency
 from dofbench.training.gaussians.trainer import Trainer
 from dofbench.training.gaussians.training_state import TrainingState
 from dofbench.training.gaussians.training_step import take_step
@@ -64,7 +61,7 @@ def scattered(light: np.ndarray, radius: np.ndarray, area: bool) -> np.ndarray:
     return total / weights[..., None]
 
 
-def expected_loss(name: str, state: TrainingState, view: Photograph, progress: float, lens: tuple[float, float]):
+def expected_loss(name: str, state: TrainingState, view: ScaledView, progress: float, lens: tuple[float, float]):
     """The loss of a step at `progress`, after the adaptation has begun, by the equations and constants of the paper or
     of the released code."""
     paper, released = name == "paper", name == "released"
@@ -117,7 +114,7 @@ def test_the_loss_of_a_step_is_the_published_one(name: str) -> None:
     state = TrainingState(scene, options, 0)
     one = scene.views[0]
     known = sparse_depth(scene.points, one.camera, 0)
-    view = Photograph(0, one.name, one.camera, torch.from_numpy(one.image), known, None)
+    view = ScaledView(0, one.name, one.camera, torch.from_numpy(one.image), known, None)
     expected = expected_loss(name, state, view, 0.7, (lens[0] + 1e-5, lens[1] + 1e-5))
     assert take_step(state, 1, 0.7, view, StageClock()) == pytest.approx(expected, rel=LOSS_OF_A_STEP)
 
@@ -125,7 +122,7 @@ def test_the_loss_of_a_step_is_the_published_one(name: str) -> None:
 def test_eq_5_of_a_learned_lens_in_the_paper_s_units() -> None:
     trainer = Trainer(training_set(), preset("paper", lens_init_aperture=0.8, lens_init_focus=0.3), 0)
     state, camera = trainer.state, trainer.views[0].camera
-    view = Photograph(0, "v0", camera, torch.zeros(4, 4, 3), None, None)
+    view = ScaledView(0, "v0", camera, torch.zeros(4, 4, 3), None, None)
     raster = rasterise(trainer.gaussians, camera, state.options.appearance)
     shot = state.shot(view, SharpView(lambda: raster), state.adaptation(0.0))
     physical = trainer.lens_estimates()[trainer.views[0].name]
@@ -150,23 +147,11 @@ def test_the_released_disparities_end_at_the_ends_of_their_range() -> None:
 def test_the_released_preset_alone_clips(name: str) -> None:
     state = TrainingState(training_set(), preset(name), 0)
     camera = state.cameras[0]
-    view = Photograph(0, "v0", camera, torch.zeros(4, 4, 3), None, None)
+    view = ScaledView(0, "v0", camera, torch.zeros(4, 4, 3), None, None)
     raster = rasterise(state.gaussians, camera, state.options.appearance)
     clips = name == "released"
     assert state.shot(view, SharpView(lambda: raster), state.adaptation(0.0)).clipped is clips
     assert [shot.clipped for shot in state.shots()] == [clips] * 3
-
-
-def test_eq_12_is_summed_over_the_splats_of_a_ray() -> None:
-    camera, weights = frontal(8, 6, 10.0), np.array([0.5, 0.3, 0.1])
-    normals = np.array([[0.0, 0.0, -1.0], [0.6, 0.0, -0.8], [0.0, 1.0, 0.0]])
-    expected = sum(w * (1 - n @ [0.0, 0.0, -1.0]) for w, n in zip(weights, normals, strict=True))
-    flat = torch.full((6, 8), 4.0, dtype=torch.float64)  # a plane that faces the camera
-    blended = torch.from_numpy(weights @ normals).expand(6, 8, 3)
-    alpha = torch.full((6, 8), weights.sum(), dtype=torch.float64)
-    assert float(normal_consistency(blended, alpha, flat, flat, camera, 0.0)) == pytest.approx(
-        expected, abs=FLOAT64_VALUE
-    )
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -191,11 +176,6 @@ def test_parameters_move_at_the_published_rates(name: str, progress: float, of_m
         moved = (before[key] - state.gaussians.parameters[key].detach()).double()
         largest = max(1.0, float(before[key].abs().max()))
         assert float((moved - rate).abs().max()) < LEARNED_STEP * largest, key
-
-
-def test_one_degree_of_the_harmonics_is_added_every_thousand_of_thirty_thousand_steps() -> None:
-    appearance = AppearanceOptions()
-    assert [appearance.degree(step / 30_000) for step in (0, 999, 1000, 2000, 3000, 29_999)] == [0, 0, 1, 2, 3, 3]
 
 
 # ---- the table ----

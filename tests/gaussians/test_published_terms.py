@@ -15,15 +15,12 @@ from tolerances import FLOAT32_SCALAR, FLOAT32_VALUE, LEARNED_STEP, PLANE_NORMAL
 from dofbench.core.budget import Budget
 from dofbench.core.lens import DisparityRange
 from dofbench.runtime.raster import Raster
-from dofbench.training.common.adaptation import AdaptationOptions
-from dofbench.training.common.depth_loss import SupervisionOptions
+from dofbench.training.common.depth import rendered_range
 from dofbench.training.common.lenses import LearnedLenses, LensOptions
-from dofbench.training.common.rendered_surface import rendered_range
-from dofbench.training.common.supervision import DepthSamples
-from dofbench.training.common.training_views import Photograph
-from dofbench.training.gaussians.forward.forward_model import SharpView
-from dofbench.training.gaussians.normals import normal_consistency
-from dofbench.training.gaussians.surface_terms import KnownDepth
+from dofbench.training.common.losses import AdaptationOptions
+from dofbench.training.common.views import ScaledView
+from dofbench.training.gaussians.forward_model import SharpView
+from dofbench.training.gaussians.surface_losses import normal_consistency
 from dofbench.training.gaussians.trainer import Trainer
 from dofbench.training.gaussians.training_state import TrainingState
 
@@ -39,7 +36,7 @@ def test_eq_11_closes_the_aperture_in_focus_and_leaves_it_open_elsewhere() -> No
     state = TrainingState(training_set(), options(adaptation_aperture=True, adaptation_from=0.0), 0)
     assert state.lenses is not None
     raster = Raster(*(torch.ones(4, 4) for _ in range(6)))
-    view = Photograph(0, "v0", state.cameras[0], torch.zeros(4, 4, 3), None, None)
+    view = ScaledView(0, "v0", state.cameras[0], torch.zeros(4, 4, 3), None, None)
     adapted = state.shot(view, SharpView(lambda: raster), state.adaptation(0.5))
     plain = state.shot(view, SharpView(lambda: raster), state.adaptation(0.5).at(-1.0))
     aperture, focus = state.lenses.aperture_and_focus(0)
@@ -63,27 +60,6 @@ def test_one_minus_psi_is_stretched_to_the_view_s_own_distances() -> None:
     assert found is not None
     expected = [[1 - step_function((float(one) - 0.1) / 0.1) for one in row] for row in x]
     assert np.allclose(found.numpy(), expected, atol=FLOAT32_VALUE)
-
-
-def test_known_depth_counts_by_the_adaptation_s_weight_and_less_at_the_end() -> None:
-    truth = DepthSamples(torch.tensor([0, 1]), torch.tensor([0, 1]), torch.tensor([2.0, 2.0]))
-    depth = torch.full((2, 2), 2.0)
-    depth[0, 0], depth[1, 1] = 3.0, 6.0
-    raster = Raster(torch.zeros(2, 2, 3), torch.ones(2, 2), depth, None, None, None)
-    view = Photograph(0, "v0", frontal(2, 2, 2.0), torch.zeros(2, 2, 3), truth, None)
-    term = KnownDepth(
-        SupervisionOptions(depth_norm="l1", depth_space="depth", depth_weight=0.5, depth_decay=0.1), extent=1.0
-    )
-
-    def cost(progress: float, weight: torch.Tensor | None) -> float:
-        found = term.cost(SharpView(lambda: raster), view, progress, weight)
-        assert found is not None
-        return float(found)
-
-    assert cost(0.0, None) == pytest.approx(0.5 * (1 + 4) / 2)
-    assert cost(0.0, torch.tensor([[0.8, 1.0], [1.0, 0.25]])) == pytest.approx(0.5 * (0.8 * 1 + 0.25 * 4) / 2)
-    assert cost(0.5, None) == pytest.approx(0.55 * 0.5 * (1 + 4) / 2)
-    assert cost(1.0, None) == pytest.approx(0.1 * 0.5 * (1 + 4) / 2)
 
 
 def moved(lenses: LearnedLenses, progress: float, cooldown: float = 1.0) -> float:

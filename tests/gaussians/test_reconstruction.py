@@ -14,10 +14,9 @@ from tolerances import FLOAT32_GRADIENT, FLOAT32_VALUE
 
 from dofbench.core.errors import InputError
 from dofbench.scenes.scene import Scene
-from dofbench.training import gaussians as gaussian_package
+from dofbench.training.gaussians import scene_fit
 from dofbench.training.gaussians.model import Gaussians
-from dofbench.training.gaussians.scene_fit import OPTIONS, Reconstruction, Surface, reconstruct
-from dofbench.training.gaussians.splat_depth import SplatDepth
+from dofbench.training.gaussians.scene_fit import OPTIONS, Reconstruction, SplatDepth, Surface, reconstruct
 
 CAMERA = frontal(16, 12, 12.0)
 
@@ -102,7 +101,7 @@ def test_a_reconstruction_is_made_once_and_read_back_from_then_on(
     made = SplatDepth.make(scene, steps=40, seed=3, work=tmp_path, progress=lambda *done: told.append(done))
     assert told == [(step, 40) for step in range(1, 41)]
     assert made.provenance()["steps"] == 40 == made.provenance()["options"]["steps"] and made.provenance()["seed"] == 3
-    monkeypatch.setattr(gaussian_package, "reconstruct", lambda *_, **__: pytest.fail("trained again"))
+    monkeypatch.setattr(scene_fit, "reconstruct", lambda *_, **__: pytest.fail("trained again"))
     again = SplatDepth.make(scene, steps=40, seed=3, work=tmp_path)
     one, other = (source.estimate(scene.views[0]) for source in (made, again))
     assert np.array_equal(one.depth, other.depth) and np.array_equal(one.confidence, other.confidence)
@@ -146,17 +145,3 @@ def test_confidence_by_hand() -> None:
     expected[0, 50] = 0.0
     assert np.array_equal(found.depth, depth) and found.confidence.dtype == np.float32
     assert np.allclose(found.confidence, expected, rtol=FLOAT32_VALUE)
-
-
-def test_what_lies_behind_the_camera_changes_no_spread():
-    alone = reconstruction([2.0, 4.0], [0.5, 0.9]).surface(CAMERA)
-    behind = reconstruction([2.0, 4.0], [0.5, 0.9])
-    behind.gaussians = Gaussians(
-        {name: torch.cat([value.detach(), value.detach()[:1]]) for name, value in behind.gaussians.parameters.items()},
-        None,
-        behind.gaussians.near,
-    )
-    with torch.no_grad():
-        behind.gaussians.parameters["means"][2, 2] = -3.0
-    # Its nearness costs digits, as the largest disparity is the unit, but not many of them.
-    assert np.all(np.abs(behind.surface(CAMERA).spread / alone.spread - 1) < 1 / 20)

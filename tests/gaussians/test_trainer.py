@@ -1,4 +1,6 @@
-"""The whole loop on a small scene: it learns, repeats bit for bit, and stops at the first bad number."""
+"""The whole loop on a small scene: it learns, repeats bit for bit, stops at bad numbers, excludes outliers."""
+
+from __future__ import annotations
 
 import os
 import subprocess
@@ -9,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from made_up import Recorder
-from small_scene import HEIGHT, WIDTH
+from small_scene import HEIGHT, WIDTH, options, training_set
 from small_scene import cameras as _cameras
 from small_scene import options as _options
 from small_scene import training_set as _training_set
@@ -19,9 +23,13 @@ from tolerances import UNSEEN
 from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingSet
-from dofbench.core.errors import Status
-from dofbench.training.common.supervision import sparse_depth
-from dofbench.training.gaussians.forward import lens_samples
+from dofbench.core.errors import Ended, Status
+from dofbench.running.execution import classify
+from dofbench.runtime.device_memory import would_fit
+from dofbench.training.common.depth import sparse_depth
+from dofbench.training.common.views import MOST, VISITS, OutlierOptions, OutlierViews, ViewOrder
+from dofbench.training.gaussians import lens_models
+from dofbench.training.gaussians import trainer as module
 from dofbench.training.gaussians.model import NEAR
 from dofbench.training.gaussians.render import rasterise
 from dofbench.training.gaussians.trainer import Trainer
@@ -85,8 +93,8 @@ def test_training_lowers_the_loss(overrides):
 def test_a_photograph_trains_through_as_many_points_as_its_circles_need(monkeypatch, aperture: float, rings: int):
     """Circles below a pixel and a half need the lens's centre alone; in units of the paper's A, 2 % of 48 px."""
     seen = []
-    taken = lens_samples.views_from_lens
-    monkeypatch.setattr(lens_samples, "views_from_lens", lambda *given: seen.append(given[2]) or taken(*given))
+    taken = lens_models.views_from_lens
+    monkeypatch.setattr(lens_models, "views_from_lens", lambda *given: seen.append(given[2]) or taken(*given))
     options = _options(
         lens_model="samples",
         lens_rings=1,
@@ -152,15 +160,6 @@ def test_a_nan_in_a_gradient_is_caught_before_the_optimiser():
         trainer.gaussians.parameters["sh_dc"][7, 0] = float("nan")
     outcome = trainer.fit(Budget(steps=5), Recorder())
     assert outcome.status is Status.DIVERGED and outcome.steps == 1
-
-
-def test_the_observer_can_stop_it():
-    outcome = Trainer(_training_set(), _options(), 0).fit(Budget(), Recorder(stop_after=7))
-    assert outcome.status is Status.OK and outcome.steps == 7
-
-
-def test_a_budget_of_steps_sets_the_schedule():
-    assert Trainer(_training_set(), _options(), 0).fit(Budget(steps=12), Recorder()).steps == 12
 
 
 @pytest.mark.slow  # compiles every kernel of a training step anew
@@ -249,3 +248,109 @@ def test_with_smaller_photographs_the_filter_is_theirs():
     assert sizes == [WIDTH // 2] * 4 + [WIDTH] * 4
     # A pixel of a photograph of half the size is twice as large.
     assert 1.9 < filters[0] / filters[-1] < 2.1
+
+
+GIB = 2**30
+
+
+def memory(monkeypatch: pytest.MonkeyPatch, free: float, in_use: float, held: float) -> None:
+    """A GPU with so many GiB free, and so many in use and held by this process."""
+    monkeypatch.setattr(torch.cuda, "mem_get_info", lambda device: (int(free * GIB), 80 * GIB))
+    monkeypatch.setattr(torch.cuda, "memory_allocated", lambda device: int(in_use * GIB))
+    monkeypatch.setattr(torch.cuda, "memory_reserved", lambda device: int(held * GIB))
+
+
+@pytest.mark.parametrize(
+    ("free", "in_use", "held", "asked", "expected"),
+    [
+        (1.0, 6.0, 7.0, "2.00 GiB", 9e5),  # 8 GiB needed where 8 are: but for what is lost between pieces
+        (1.0, 14.0, 15.0, "2.00 GiB", 9e5),
+        (2.0, 14.0, 14.0, "18.00 GiB", 4.5e5),  # 32 GiB needed where 16 are
+        (0.0, 8.0, 8.0, "512.00 MiB", 8.5e5),
+        (0.0, 8.0, 8.0, "", 9e5),
+    ],
+)
+def test_what_fits_is_in_proportion_to_the_memory(
+    free: float, in_use: float, held: float, asked: str, expected: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    memory(monkeypatch, free, in_use, held)
+    message = (
+        f"CUDA out of memory. Tried to allocate {asked}. GPU 0 has a total capacity of 80.00 GiB" if asked else "?"
+    )
+    assert would_fit(1_000_000, "cuda", torch.OutOfMemoryError(message)) == expected
+
+
+def test_training_ends_with_the_number_of_gaussians_that_would_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    memory(monkeypatch, 2.0, 14.0, 14.0)
+    take_step = module.take_step
+
+    def full(state, step, *rest):
+        if step == 3:
+            raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 18.00 GiB. GPU 0 has")
+        return take_step(state, step, *rest)
+
+    monkeypatch.setattr(module, "take_step", full)
+    with pytest.raises(
+        Ended, match=r"^250 Gaussians at step 2 are too many for cpu; try --set max_gaussians=110$"
+    ) as end:
+        Trainer(training_set(), options(), seed=0).fit(Budget(steps=5), Recorder())
+    assert classify(end.value)[0] is Status.OUT_OF_MEMORY
+
+
+def _found(losses, visits=VISITS):
+    views = OutlierViews(len(losses))
+    for _ in range(visits):
+        for view, loss in enumerate(losses):
+            views.record(view, loss)
+    return views.found()
+
+
+def test_a_loss_far_above_the_others_is_an_outlier():
+    losses = list(0.05 + 0.001 * np.arange(12))
+    assert _found(losses) == set()
+    losses[4] = 0.2
+    assert _found(losses) == {4}
+    assert _found(losses, VISITS - 1) == set()  # not seen often enough
+
+
+@given(st.lists(st.floats(0.05, 0.069), min_size=8, max_size=30))
+def test_losses_that_differ_by_less_than_two_fifths_have_none(losses):
+    assert _found(losses) == set()
+
+
+def test_no_more_than_a_share_is_left_out_the_worst_first():
+    losses = [0.05] * 12 + [0.5, 0.9, 0.6, 0.8, 0.7]
+    assert len(_found(losses)) == int(MOST * len(losses)) == 4 and _found(losses) == {13, 14, 15, 16}
+    assert _found([0.05] * 5 + [0.9] * 2) == set()  # too few views for a meaningful median
+
+
+def test_a_photograph_of_something_else_is_trained_on_no_more():
+    """A training set of copies of three views, in which one photograph is replaced by noise."""
+    given_set, random = training_set(), np.random.default_rng(0)
+    views = [replace(given_set.views[number % 3], name=f"v{number}") for number in range(9)]
+    views[5] = replace(views[5], image=random.uniform(size=views[5].image.shape).astype(np.float32))
+    chosen = options(steps=80, lens=False, adaptation="off", normal_weight=0, outlier_views=True)
+    trainer = Trainer(TrainingSet(tuple(views), given_set.points), chosen, 0)
+    trainer.fit(Budget(), Recorder())
+    assert trainer.left_out_views == {5}
+
+
+def test_a_photograph_that_was_hardly_seen_keeps_all_in():
+    """Two visits of every photograph are needed; until then none is left out, whatever the others' losses say."""
+    views = OutlierViews(12)
+    for view in range(12):
+        for _ in range(1 if view == 5 else 2):
+            views.record(view, 0.9 if view == 4 else 0.05)
+    assert views.found() == set()
+    views.record(5, 0.05)
+    assert views.found() == {4}
+
+
+@pytest.mark.parametrize(("progress", "left_out"), [(0.29, set()), (0.3, {4})])
+def test_outliers_are_left_out_from_their_share_of_the_training_on(progress, left_out):
+    order = ViewOrder(12, OutlierOptions(outlier_views=True, outliers_from=0.3))
+    for view in range(12):
+        for _ in range(2):
+            order.record(view, 0.9 if view == 4 else 0.05)
+    seen = [order.next(progress, np.random.default_rng(0)) for _ in range(11)]
+    assert order.left_out == left_out and set(seen) & left_out == set()

@@ -1,19 +1,23 @@
-"""Parts of a training step: to which stage time and bad numbers are attributed, and the order of photographs."""
+"""Parts of a training step and its state: times, bad numbers, the order of views, snapshots, devices."""
+
+from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 import torch
 from small_scene import cameras, options, training_set
+from torch import Tensor
 
-from dofbench.training.common.nonfinite import NonFiniteError, Place
-from dofbench.training.common.outliers import LEAST_VIEWS, OutlierOptions
-from dofbench.training.common.stage_clock import StageClock
-from dofbench.training.common.view_order import ViewOrder
-from dofbench.training.gaussians.step_rasteriser import StepRasteriser
+from dofbench.training.common.lenses import LearnedLenses, lens_ties
+from dofbench.training.common.monitor import NonFiniteError, Place, StageClock
+from dofbench.training.common.views import OutlierOptions, ViewOrder
+from dofbench.training.gaussians.model import Gaussians
 from dofbench.training.gaussians.training_state import TrainingState
+from dofbench.training.gaussians.training_step import StepRasteriser
 
 
 def test_time_within_another_stage_counts_to_its_own_alone(monkeypatch):
@@ -92,13 +96,86 @@ def test_a_round_goes_on_where_it_was():
     assert [order.next(0.0, random) for _ in range(4)] == rest
 
 
-@pytest.mark.parametrize("wanted", [True, False])
-def test_an_outlier_is_left_out_from_its_time_on(wanted):
-    count = LEAST_VIEWS + 1
-    order, random = ViewOrder(count, OutlierOptions(outlier_views=wanted, outliers_from=0.5)), np.random.default_rng(0)
-    for _ in range(2):
-        for view in range(count):
-            order.record(view, 9.0 if view == 4 else 1.0 + 0.01 * view)
-    assert {order.next(0.4, random) for _ in range(count)} == set(range(count))
-    late = {order.next(0.5, random) for _ in range(count - wanted)}
-    assert order.left_out == ({4} if wanted else set()) and (4 in late) is not wanted
+def test_a_snapshot_brings_back_what_training_changes() -> None:
+    state = TrainingState(training_set(), options(colour_per_view="gain"), 0)
+    assert state.lenses is not None and state.loss is None
+    state.loss = torch.tensor(0.5)
+    kept = state.snapshot()
+
+    def drawn() -> tuple[float, float, list[int]]:
+        order = [state.order.next(0.5, state.random) for _ in range(4)]
+        return float(torch.rand(1, generator=state.generator)), float(state.random.uniform()), order
+
+    first = drawn()
+    lens, begun = state.lenses.aperture_and_focus(1), state.gaussians.parameters["means"].detach().clone()
+    filtered = None if state.gaussians.filter_3d is None else state.gaussians.filter_3d.clone()
+    assert drawn() != first
+    state.lenses.spoil(0.25)
+    state.loss = torch.tensor(0.1)
+    state.revise({"lens": False, "adaptation": "off"})
+    with torch.no_grad():
+        state.gaussians.parameters["means"] += 1
+    state.gaussians.filter_3d = None
+    for _ in range(2):  # a snapshot stays usable
+        state.restore(kept)
+        assert state.options.lens.lens and state.lenses is not None and state.loss == 0.5
+        assert state.lenses.aperture_and_focus(1) == lens
+        assert torch.equal(state.gaussians.parameters["means"], begun)
+        assert filtered is not None and torch.equal(state.gaussians.filter_3d, filtered)
+        again = drawn()
+        assert again[:2] == first[:2] and np.array_equal(again[2], first[2])
+        state.gaussians.filter_3d.zero_()
+
+
+@pytest.fixture
+def state(monkeypatch: pytest.MonkeyPatch) -> TrainingState:
+    """On `meta`, without the 3D filter, which asks for numbers that nothing on `meta` has."""
+    monkeypatch.setattr(Gaussians, "update_filter_3d", lambda self, cameras: None)
+    return TrainingState(training_set(), options(colour_per_view="affine"), 0, "meta")
+
+
+def tensors(thing: object, seen: set[int]) -> Iterator[Tensor]:
+    """Every tensor that an object holds, at any depth."""
+    if id(thing) in seen:
+        return
+    seen.add(id(thing))
+    if isinstance(thing, Tensor):
+        yield thing
+    elif isinstance(thing, dict):
+        for value in thing.values():
+            yield from tensors(value, seen)
+    elif isinstance(thing, list | tuple):
+        for value in thing:
+            yield from tensors(value, seen)
+    elif type(thing).__module__.startswith(("dofbench.", "torch.optim")):
+        yield from tensors(getattr(thing, "__dict__", {}), seen)
+
+
+def devices(thing: object) -> set[str]:
+    return {tensor.device.type for tensor in tensors(thing, set())}
+
+
+def test_every_tensor_of_a_state_lies_there(state: TrainingState) -> None:
+    # Parameters, sums, and of colours and both parts of lenses three each.
+    assert len(list(tensors(state, set()))) == 6 + 2 + 3 * 3
+    assert devices(state) == {"meta"}
+
+
+def test_so_do_shared_lenses_children_and_a_new_start(state: TrainingState, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(LearnedLenses, "aperture_and_focus", lambda self, view: (0.5, 0.5))
+    assert devices(state.lenses.shared(lens_ties(training_set().views, "scene"))) == {"meta"}
+    parents = {name: value.detach()[:3] for name, value in state.gaussians.parameters.items()}
+    children = state.density._children(parents)
+    assert devices(children) == {"meta"} and children["means"].shape == (6, 3)
+    state.start_from(training_set().points)
+    assert devices(state) == {"meta"}
+
+
+def test_the_same_children_are_drawn_wherever_they_lie(state: TrainingState) -> None:
+    """The generator is one of the host: a seed's numbers don't depend on the device."""
+    host = TrainingState(training_set(), options(), 0)
+    before = host.generator.get_state()
+    for one in (host, state):
+        one.density._children({name: value.detach()[:3] for name, value in one.gaussians.parameters.items()})
+    assert not torch.equal(host.generator.get_state(), before)
+    assert torch.equal(host.generator.get_state(), state.generator.get_state())

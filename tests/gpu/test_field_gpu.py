@@ -8,13 +8,13 @@ from typing import Any
 import field_cases
 import pytest
 import torch
-from dofbench.runtime.ops.field import gpu_grid_gradient
 from field_cases import NAMES, SMALL, assert_agrees, of_type, only_ray, random_case, rendered, without_rays
 from pretended_device import pretended
 from torch import Tensor
 
 from dofbench.runtime.factored_grid import GridShape
 from dofbench.runtime.ops import load
+from dofbench.runtime.ops.field import gpu_grid_gradient
 
 OUTPUTS = ("color", "opacity", "distance")
 

@@ -16,10 +16,13 @@ from waits_of_steps import Steps
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import FitOutcome
 from dofbench.core.errors import Status
+from dofbench.methods.deblurnerf.method import DeblurNeRF
+from dofbench.methods.dofnerf.method import DoFNeRF
+from dofbench.methods.dpnerf.method import DPNeRF
+from dofbench.methods.lensnerf.method import LensNeRF
+from dofbench.methods.pdrf.method import PDRF
 from dofbench.training.fields.field_method import FieldMethod
 from dofbench.training.fields.field_trainer import FieldTrainer
-from dofbench.training.fields.kernel_field_method import DeformableField, ProgressiveField, RigidField
-from dofbench.training.fields.lens_field_method import LensRayField, PatchField
 
 STEPS = 4  # within them the grid grows, cells are looked at and the grid's roughness counts
 BAD = 1  # the view with a NaN in its photograph
@@ -47,11 +50,11 @@ def trained(trainer: FieldTrainer, waits: list[str]) -> Steps:
     [
         (FieldMethod, {}, 1),
         (FieldMethod, {"colour_per_view": "affine"}, 1),
-        (LensRayField, {"lens_points": 2, "lens_activation": "ends", "lens_update": "dense"}, 1),
-        (PatchField, {"patch_side": 4, "patch_from": 0.0, "colour_per_view": "gain"}, 1),
-        (DeformableField, {}, 1),
-        (RigidField, {"proposal_samples": 3}, 1),
-        (ProgressiveField, {"kernel_points": 3}, 2),
+        (LensNeRF, {"lens_points": 2, "lens_activation": "ends", "lens_update": "dense"}, 1),
+        (DoFNeRF, {"patch_side": 4, "patch_from": 0.0, "colour_per_view": "gain"}, 1),
+        (DeblurNeRF, {}, 1),
+        (DPNeRF, {"proposal_samples": 3}, 1),
+        (PDRF, {"kernel_points": 3}, 2),
     ],
 )
 def test_a_training_on_a_device_has_the_losses_of_one_on_the_cpu(
@@ -82,7 +85,7 @@ class Spoiling(Recorder):
 def spoiled(device: str, what: str) -> tuple[FieldTrainer, FitOutcome]:
     """A training in which a NaN turns up after the second step."""
     if what == "lens":
-        trainer = trainer_on(device, LensRayField, lens_points=2)
+        trainer = trainer_on(device, LensNeRF, lens_points=2)
         return trainer, trainer.fit(Budget(steps=STEPS), Spoiling(lambda: trainer._model.lenses.spoil(np.nan)))
     trainer = trainer_on(device)
 

@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 import torch
-from dofbench.runtime.ops.scatter import gpu as scatter_gpu
 from gpu_agreement import assert_agrees
 from tolerances import FLOAT32_VALUE, HIGHLIGHT
 
 from dofbench.core.lens import ApertureShape
 from dofbench.runtime.gpu_launch import kernels, launch
 from dofbench.runtime.ops import load
+from dofbench.runtime.ops.scatter import gpu as scatter_gpu
 
 SHAPES = {
     "disc": ApertureShape(),

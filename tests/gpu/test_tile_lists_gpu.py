@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 import torch
-from dofbench.runtime.ops.rasterize.gpu_inputs import TILE, Settings
-from dofbench.runtime.ops.rasterize.gpu_lists import Lists, project_and_list
-from dofbench.runtime.ops.rasterize.op import NAMES, View
 from random_gaussians import scene, turned, view
 
 from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
+from dofbench.runtime.ops.rasterize.gpu_inputs import TILE, Settings
+from dofbench.runtime.ops.rasterize.gpu_lists import Lists, project_and_list
+from dofbench.runtime.ops.rasterize.op import NAMES, View
 
 
 def listed(gaussians: dict[str, torch.Tensor], camera: Camera, points: np.ndarray | None = None) -> Lists:

@@ -47,7 +47,7 @@ def trained(trainer: Trainer, steps: int, waits: list[str]) -> Steps:
 
 def psnr(trainer: Trainer) -> float:
     """Of the photographs as they were learned, dB."""
-    wrong = [np.square(trainer.photograph(index) - view.image).mean() for index, view in enumerate(trainer.views)]
+    wrong = [np.square(trainer.render_view(index) - view.image).mean() for index, view in enumerate(trainer.views)]
     return -10 * float(np.log10(np.mean(wrong)))
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import torch
 from backends import compiled
-from dofbench.runtime.ops.rasterize.reference import rotation_matrices
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_up import frontal
@@ -31,6 +30,7 @@ from tolerances import BLUR_OF_NEEDLES, FINITE_DIFFERENCE, FLOAT32_GRADIENT, FLO
 
 from dofbench.core.cameras import Camera
 from dofbench.runtime.ops import load
+from dofbench.runtime.ops.rasterize.reference import rotation_matrices
 from dofbench.runtime.raster import ViewStatistics
 
 FRONTAL = Camera(24, 20, 30.0, 30.0, 12.5, 10.5, np.eye(4))

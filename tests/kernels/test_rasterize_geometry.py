@@ -13,7 +13,7 @@ from random_gaussians import assert_agree, assert_close, cpu, facing, reference,
 from tolerances import DISTORTION, FLOAT32_GRADIENT, FLOAT32_VALUE, PLANE_DEPTH, PUBLISHED_NORMAL, SURFACE_OF_DISCS
 
 from dofbench.core.cameras import Camera
-from dofbench.training.gaussians.normals import normal_consistency
+from dofbench.training.gaussians.surface_losses import normal_consistency
 
 FRONTAL = Camera(24, 20, 30.0, 30.0, 12.5, 10.5, np.eye(4))
 

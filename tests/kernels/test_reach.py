@@ -5,13 +5,14 @@ import math
 import numpy as np
 import pytest
 import torch
-from dofbench.runtime.ops.rasterize import cpu as rasterizer
-from dofbench.runtime.ops.rasterize import cpu_layout as layout
-from dofbench.runtime.ops.scatter.cpu_pack import BLOCK, geometry, pack_sources
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up import frontal
 from random_gaussians import cpu, reference
+
+from dofbench.runtime.ops.rasterize import cpu as rasterizer
+from dofbench.runtime.ops.rasterize import cpu_layout as layout
+from dofbench.runtime.ops.scatter.cpu_pack import BLOCK, geometry, pack_sources
 
 ALPHA, HEIGHT, WIDTH = 4.0, 40, 64
 CAMERA = frontal(96, 80, 100.0)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from dofbench.runtime.ops.scatter import cpu_linear, cpu_pack
 from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT32_VALUE, HIGHLIGHT
 
 from dofbench.runtime.ops import load
+from dofbench.runtime.ops.scatter import cpu_linear, cpu_pack
 
 reference = load("scatter", "reference")
 cpu = load("scatter", "cpu")

@@ -9,14 +9,13 @@ from small_scene import noise
 from tolerances import FLOAT32_VALUE
 
 from dofbench.core.budget import Budget
-from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.lens import PhysicalLens
 from dofbench.methods.cards import find_method
 from dofbench.running.ablation_tables import TUNING, read_tables, tables_of
 from dofbench.scenes.ply import read_vertices
+from dofbench.training.gaussians.gaussian_method import RENDERING
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
-from dofbench.training.gaussians.rendering_options import RENDERING
 from dofbench.training.gaussians.splats import read_offset
 
 CAMERA = noise().views[0].camera
@@ -110,26 +109,26 @@ def test_what_is_loaded_and_saved_again_says_the_same(training_set, tmp_path):
 @pytest.mark.parametrize("model", ["scatter", "samples"])
 def test_every_option_that_rendering_looks_at_is_kept_in_the_file(training_set, model):
     _entry, method = _trained("dofgaussian", training_set)
-    looked_at = set()
+    used = set()
 
     def watched(group):
         class Watched(type(group)):
             def __getattribute__(self, name):
-                looked_at.add(name)
+                used.add(name)
                 return super().__getattribute__(name)
 
         return Watched(**vars(group))
 
     options = GaussianOptions.of(lens_model=model)
-    method._trainer = method._exposures = None
+    method._trainer = method._renderer = None
     method._options = replace(options, **{name: watched(group) for name, group in vars(options).items()})
-    looked_at.clear()  # that they fit together is looked at when they are made
+    used.clear()  # that they fit together is looked at when they are made
     method.render(CAMERA, None)
     method.render(CAMERA, LENS)
     # Not stored: filter_3d is merged into the Gaussians, and blur_to_depth only concerns gradients.
     elsewhere = {"filter_3d", "blur_to_depth"}
-    assert looked_at & GaussianOptions().flat().keys() <= {*RENDERING, *elsewhere}
-    assert {"lens_gamma", "filter_2d"} <= looked_at
+    assert used & GaussianOptions().flat().keys() <= {*RENDERING, *elsewhere}
+    assert {"lens_gamma", "filter_2d"} <= used
 
 
 def _loaded(entry, folder):
@@ -168,20 +167,6 @@ def test_a_damaged_model_is_named(training_set, tmp_path, file, change, found):
     assert file in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_the_lens_blurs_and_all_in_focus_does_not(training_set):
-    _, method = _trained("dofgaussian", training_set)
-    sharp, blurred = method.render(CAMERA, None).image, method.render(CAMERA, LENS).image
-    assert np.abs(np.diff(blurred, axis=1)).mean() < np.abs(np.diff(sharp, axis=1)).mean()
-    assert set(method.lens_estimates()) == {"a", "b"}
-
-
-def test_a_method_without_a_lens_says_so(training_set):
-    _, method = _trained("mipsplatting", training_set)
-    assert method.lens_estimates() is None
-    with pytest.raises(ValueError, match="can't refocus"):
-        method.render(CAMERA, LENS)
-
-
 def test_what_a_method_fixes_can_not_be_set():
     entry = find_method("mipsplatting")
     with pytest.raises(InputError, match="this method fixes it"):
@@ -205,10 +190,3 @@ def test_the_baseline_is_trained_as_well_as_the_method(preset):
     assert apart <= {"depth_weight", "densify_until"}
     for key in apart:  # the baseline's own tuning tried the method's value
         assert any(row.set == {key: ours[key]} for row in tuning.rows), key
-
-
-def test_no_points_is_the_users_mistake(training_set):
-    entry = find_method("dofgaussian")
-    method = entry.create(entry.card.presets["smoke"], 0, "cpu")
-    with pytest.raises(InputError, match="sparse points"):
-        method.fit(TrainingSet(training_set.views, None), Budget(steps=1), Recorder())

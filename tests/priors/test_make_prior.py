@@ -13,8 +13,8 @@ from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
 from dofbench.running.observer import OneStep
 from dofbench.running.warm_up import miniature
+from dofbench.training.common.depth import DepthMap, sparse_depth
 from dofbench.training.common.priors import make_prior, with_surface_points
-from dofbench.training.common.supervision import DepthMap, sparse_depth
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.trainer import Trainer
 

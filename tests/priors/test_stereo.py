@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from tolerances import STEREO_OUTLIERS, SWEEP_REACH
+import torch
+from made_up import cloud, frontal
+from tolerances import FLOAT32_VALUE, FLOAT64_VALUE, STEREO_OUTLIERS, SWEEP_REACH
 
 from dofbench.core.cameras import Camera
+from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import InputError
 from dofbench.core.images import resize
+from dofbench.training.common.depth import DepthMap, sparse_depth
+from dofbench.training.common.priors import stereo
 from dofbench.training.common.priors.stereo import choose_sources, disparity_bounds, plane_map, stereo_depth
-from dofbench.training.common.supervision import sparse_depth
 
 
 @pytest.fixture(scope="module")
@@ -138,3 +143,168 @@ def test_planes_map_as_the_cameras_project():
     matrix = plane_map(*cameras)
     mapped = np.c_[xy, np.ones(20)] @ matrix[:, :3].T + matrix[:, 3] / depth[:, None]
     assert np.allclose(mapped[:, :2] / mapped[:, 2:], expected)
+
+
+def _turned(degrees: float) -> np.ndarray:
+    return np.array([[math.sin(math.radians(degrees)), 0.0, math.cos(math.radians(degrees))]])
+
+
+@pytest.mark.parametrize(
+    ("degrees", "worth"),
+    [(0.0, 0.0), (1.5, 0.25), (3.0, 1.0), (7.0, 1.0), (12.0, 1.0), (24.0, 0.25), (60.0, 0.04), (180.0, 1 / 225)],
+)
+def test_angles_of_three_to_twelve_degrees_are_the_best(degrees: float, worth: float) -> None:
+    """Below and above the worth falls with the square of the angle's ratio to the bound."""
+    assert stereo._fairness(_turned(20.0), _turned(20.0 + degrees)) == pytest.approx([worth], abs=FLOAT64_VALUE)
+
+
+@pytest.mark.parametrize(("shift", "count"), [(0.01, 16), (0.2, 56), (0.42, 120), (3.0, 192)])
+def test_planes_move_the_image_by_three_quarters_of_a_pixel(shift: float, count: int) -> None:
+    """Between cameras side by side a disparity moves every pixel by focal length x shift x disparity: 400 x 0.2 x 0.5
+    px are 40 px, 53.3 steps, 55 planes with both ends, 56 as a multiple of eight."""
+    camera = frontal(80, 60, 400.0)
+    found = stereo._planes(
+        camera, [frontal(80, 60, 400.0, (shift, 0, 0)), frontal(80, 60, 400.0, (0, shift / 9, 0))], 0.1, 0.6
+    )
+    assert len(found) == count and found[0] == 0.1 and found[-1] == 0.6
+    assert np.ptp(np.diff(found)) < FLOAT64_VALUE
+
+
+def test_planes_are_as_fine_as_the_source_s_own_pixels() -> None:
+    """A source of half the focal length sees half the displacement: 20 px, 26.7 steps, 28 planes, 32 of them."""
+    found = stereo._planes(frontal(80, 60, 400.0), [frontal(80, 60, 200.0, (0.2, 0, 0))], 0.1, 0.6)
+    assert len(found) == 32
+
+
+def test_a_source_that_looks_elsewhere_says_nothing_of_the_planes() -> None:
+    """Points before this camera lie behind one far in front of it."""
+    camera = frontal(80, 60, 400.0)
+    assert len(stereo._planes(camera, [frontal(80, 60, 400.0, (0, 0, 50.0))], 0.1, 0.6)) == stereo.PLANES[0]
+
+
+def test_outlines_are_pixels_with_a_much_farther_surface_nearby() -> None:
+    """Pixel by pixel: within three pixels up, down and aside, something farther by 3 % of the range; nothing known is
+    as far as can be."""
+    random = np.random.default_rng(0)
+    depth = 1 / random.choice([0.2, 0.21, 0.5], (20, 30), p=[0.55, 0.43, 0.02])
+    depth[15:, 20:] = 0
+    expected = np.zeros(depth.shape, bool)
+    disparity = np.divide(1, depth, out=np.zeros(depth.shape), where=depth > 0)
+    for row, column in np.ndindex(depth.shape):
+        window = disparity[max(row - 3, 0) : row + 4, max(column - 3, 0) : column + 4]
+        expected[row, column] = disparity[row, column] - window.min() > 0.03 * 0.5
+    assert np.array_equal(stereo._outline(depth, 0.5), expected) and 0 < expected.mean() < 0.5
+
+
+def test_holes_are_filled_from_the_smaller_map_at_less_weight() -> None:
+    depth = np.array([[0.5, 0.0, 3.0, 0.0]] * 2, np.float32)
+    weight = np.array([[0.9, 0.0, 0.8, 0.0]] * 2, np.float32)
+    coarse = DepthMap(np.array([[7.0, 0.25]], np.float32), np.array([[0.6, 0.4]], np.float32))
+    found = stereo._filled(DepthMap(depth, weight), coarse, 0.5)
+    assert found.depth.tolist() == [[0.5, 7.0, 3.0, 0.25]] * 2
+    assert np.allclose(found.weight, [[0.9, 0.3, 0.8, 0.2]] * 2, rtol=FLOAT32_VALUE)
+
+
+def test_what_is_kept_of_a_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A flat wall, for which matching is said to give these planes, scores and margins: the first and the last plane
+    and low scores give no depth, a small margin gives depth without weight, and all else counts by its score."""
+    camera = frontal(80, 60, 400.0)
+    count = len(stereo._planes(camera, [camera], 0.1, 0.6))
+    plane, score, margin = (torch.full((60, 80), value) for value in (3.0, 0.8, 0.2))
+    plane[20, :4] = torch.tensor([0.4, 0.6, count - 1.4, count - 1.6])
+    score[30, :3] = torch.tensor([0.59, 0.61, 1.2])
+    margin[40, :2] = torch.tensor([0.04, 0.06])
+
+    def load(op: str, *, function: str | None = None) -> object:
+        if function == "semiglobal":
+            return lambda *_, **__: (plane, score, margin)
+        return lambda grey, *_, **__: torch.zeros(1)
+
+    monkeypatch.setattr(stereo, "load", load)
+    monkeypatch.setattr(stereo, "_outline", lambda depth, extent: np.zeros(depth.shape, bool))
+    grey = [(torch.zeros(60, 80), camera)]
+    swept = stereo._sweep([grey, grey], 0, [1], 0.1, 0.6)
+    expected = 1 / (0.1 + 0.5 * plane.numpy() / (count - 1))
+    expected[20, 0] = expected[20, 2] = expected[30, 0] = 0
+    assert np.allclose(swept.depth, expected, rtol=FLOAT32_VALUE)
+    weight = np.where(expected > 0, np.minimum(score.numpy(), 1), 0)
+    weight[40, 0] = 0
+    assert np.allclose(swept.weight, weight, rtol=FLOAT32_VALUE)
+
+
+def test_a_view_is_matched_with_its_four_best_sources(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    monkeypatch.setattr(stereo, "_sweep", lambda pyramids, index, chosen, *bounds: seen.append(chosen))
+    monkeypatch.setattr(stereo, "_agreed", lambda cameras, swept, index, chosen, device: chosen)
+    pyramids = [[(torch.zeros(6, 8), frontal(8, 6, 9.0))]] * 2
+    kept = stereo._matched(
+        pyramids, [None] * len(pyramids), [[3, 1, 4, 2, 5, 6], [2]], (0.1, 0.6), "", lambda *told: None
+    )
+    assert seen == [[3, 1, 4, 2], [2]] and kept == [[3, 1, 4, 2, 5, 6], [2]]
+
+
+def test_views_without_a_common_point_come_last() -> None:
+    """Cameras side by side. The second and the third see no point of the first, so they come behind the last, although
+    its angle is worse; the third comes before the second by its angle."""
+    cameras = [frontal(80, 60, 80.0, (x, 0.0, 0.0)) for x in (0.0, 4.0, 0.3, 2.0)]
+    black = np.zeros((60, 80, 3), np.float32)
+    views = tuple(TrainingView(f"v{index}", camera, black) for index, camera in enumerate(cameras))
+    tracks = [np.array(seen) for seen in ([0, 3], [0, 3], [1, 2])]
+    points = cloud([(0.0, 0.0, 5.0), (0.1, 0.0, 5.0), (0.2, 0.0, 5.0)], views=tracks)
+    given = TrainingSet(views, points)
+    assert stereo.choose_sources(given, 3)[0] == [3, 2, 1]
+    assert stereo.choose_sources(given, 1)[0] == [3]
+
+
+def test_planes_are_for_the_middle_of_how_far_places_of_the_picture_move() -> None:
+    """Towards a camera in front places move apart, each differently. Independently: points at both ends of the range
+    behind a grid of three by three places, projected."""
+    camera, source = frontal(80, 60, 100.0), frontal(80, 60, 100.0, (0.1, 0.05, 0.7))
+    low, high = 0.1, 0.6
+    x, y = (places.ravel() for places in np.meshgrid([0.0, 40.0, 80.0], [0.0, 30.0, 60.0]))
+    ends = []
+    for disparity in (low, high):
+        points = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones(9)], axis=1) / disparity
+        ends.append(source.project(points)[0])
+    moved = np.median(np.linalg.norm(ends[0] - ends[1], axis=1))
+    steps = math.ceil(moved / 0.75) + 1
+    found = stereo._planes(camera, [source], low, high)
+    assert steps > 16 and len(found) == -(-steps // 8) * 8
+
+
+def test_coarser_scales_end_with_the_smallest_photograph() -> None:
+    random = np.random.default_rng(0)
+    views = []
+    for name, width, height, x in (("a", 256, 192, 0.0), ("b", 96, 72, 0.2)):
+        image = random.uniform(size=(height, width, 3)).astype(np.float32)
+        views.append(TrainingView(name, frontal(width, height, 0.9 * width, (x, 0.0, 0.0)), image))
+    points = cloud(np.stack([random.uniform(-1, 1, 40), random.uniform(-1, 1, 40), random.uniform(3, 6, 40)], axis=1))
+    told: list[str] = []
+    maps = stereo.stereo_depth(
+        TrainingSet(tuple(views), points), coarser=9, progress=lambda what, done, of: told.append(what)
+    )
+    assert [one.depth.shape for one in maps] == [(192, 256), (72, 96)]
+    assert not any("1/2" in what for what in told)  # the smaller photograph has no half that could be matched
+
+
+def test_half_the_size_is_swept_by_half_as_many_planes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """More would find nothing more, and take longer."""
+    random, counts, load = np.random.default_rng(0), [], stereo.load
+    cameras = [frontal(256, 192, 240.0), frontal(256, 192, 240.0, (0.2, 0.0, 0.0))]
+
+    def watched(op: str, *, function: str | None = None):
+        run = load(op, function=function)
+
+        def call(*arguments, **options):
+            if function is None:
+                counts.append(len(arguments[3]))
+            return run(*arguments, **options)
+
+        return call
+
+    monkeypatch.setattr(stereo, "load", watched)
+    levels = [stereo._pyramid(random.random((192, 256, 3)), camera, len(stereo.SCALES)) for camera in cameras]
+    stereo._sweep(levels, 0, [1], 0.1, 0.6)
+    assert len(counts) == len(levels[0]) > 1
+    steps = counts[-1] - 1
+    assert counts[::-1] == [math.ceil(steps / 2**level) + 1 for level in range(len(counts))]

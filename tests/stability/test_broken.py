@@ -17,7 +17,7 @@ from dofbench.evaluation.stability.measure import measured
 from dofbench.methods.cards import find_method
 from dofbench.optics.defocus import defocus, defocus_numpy
 from dofbench.runtime.ops import load
-from dofbench.training.common import nonfinite
+from dofbench.training.common import monitor
 from dofbench.training.gaussians import trainer
 from dofbench.training.gaussians.gaussian_method import GaussianMethod
 
@@ -175,7 +175,7 @@ def test_a_dataset_that_is_not_what_it_says_is_seen(monkeypatch):
 
 def test_a_trainer_that_does_not_look_is_seen(monkeypatch):
     assert error_of("training/dofgaussian-planted-nan-lens").met
-    monkeypatch.setattr(nonfinite.Place, "located", lambda *args: nullcontext())
+    monkeypatch.setattr(monitor.Place, "located", lambda *args: nullcontext())
     assert not error_of("training/dofgaussian-planted-nan-lens").met
     assert not error_of("training/dofgaussian-planted-nan-means").met
 

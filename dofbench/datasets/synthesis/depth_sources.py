@@ -41,7 +41,7 @@ def open_source(
     scene lacks what the source needs.
     """
     if source == "splat":
-        from dofbench.training.gaussians.splat_depth import SplatDepth
+        from dofbench.training.gaussians.scene_fit import SplatDepth
 
         return SplatDepth.make(scene, steps=steps, seed=seed, work=work, progress=progress)
     if source == "sfm":

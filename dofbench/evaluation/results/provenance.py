@@ -22,20 +22,30 @@ from dofbench.runtime.devices import describe
 _PACKAGE = Path(dofbench.__file__).resolve().parent
 # Entries of a method's card that affect scores; presets and stages only choose options
 _STEERS = ("class", "capabilities")
+_IMPORTED = re.compile(r"\bdofbench\.methods\.(\w+)")  # in the source of a method
 
 
 def code_version(method_folder: Path, device: str) -> str:
     """`<package version>+<sha256>` over the code that can change a score on this device.
 
-    That is `source_digest.SCORED`, all kernels, the method's folder and that of the method it is `like`, with class and
+    That is `source_digest.SCORED`, all kernels, the method's folder and those that it builds on, with class and
     capabilities of their cards. Options are part of a run's key instead.
     """
-    card = _card(method_folder)
-    like = [root / card["like"] for root in method_folders() if "like" in card and (root / card["like"]).is_dir()]
-    folders = [method_folder, *like]
+    folders = _method_code(method_folder)
     steering = [{key: _card(folder).get(key) for key in _STEERS} for folder in folders]
     parts = [package_digest(device=device), source_digest(folders), canonical_json(steering)]
     return f"{dofbench.__version__}+{sha256_text(chr(10).join(parts))}"
+
+
+def _method_code(folder: Path) -> list[Path]:
+    """The method's folder, and those of the methods that it is `like` or imports from, theirs included."""
+    found = [folder]
+    for one in found:  # which grows
+        source = "".join(file.read_text(encoding="utf-8") for file in sorted(one.rglob("*.py")))
+        for name in [_card(one).get("like", ""), *sorted(set(_IMPORTED.findall(source)))]:
+            others = [root / name for root in method_folders() if (root / name / "method.toml").is_file()]
+            found += [other for other in others if other not in found]
+    return found
 
 
 def _card(folder: Path) -> dict[str, Any]:

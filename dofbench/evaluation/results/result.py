@@ -96,7 +96,7 @@ class Spec(Stored):
 
     options: the preset's with the changes of plan and user; overrides: the user's. budget: as in `--budget`.
     dataset_checksum: sha256 over its files. code: `provenance.code_version`. content: sha256 of the files that an
-    option names, by option (`dofbench.training.common.content_options`); empty before version 6.
+    option names, by option (`dofbench.training.common.options`); empty before version 6.
     """
 
     method: InsideName

@@ -16,7 +16,7 @@ from dofbench.evaluation.stability.oracle import ROUNDINGS, dense_scatter
 from dofbench.evaluation.stability.samples import HEIGHT, WIDTH, disparity, picture, radii, single, straight
 from dofbench.optics.defocus import defocus, defocus_by_radius, defocus_numpy
 from dofbench.optics.layered import layered_blur
-from dofbench.training.common.rendered_surface import surface_disparity
+from dofbench.training.common.depth import surface_disparity
 
 
 def _formula(setting: Setting, radius: np.ndarray, **options: Any) -> Found:

@@ -26,7 +26,6 @@ from dofbench.evaluation.stability.training_scene import (
 )
 from dofbench.methods.cards import MethodEntry, find_method, method_files
 from dofbench.training.fields.field_method import FieldMethod
-from dofbench.training.gaussians.blur_methods import Focused
 from dofbench.training.gaussians.gaussian_method import GaussianMethod
 from dofbench.training.gaussians.trainer import Trainer
 
@@ -67,7 +66,7 @@ def _ours(entry: MethodEntry) -> bool:
 
 def _own_scene(entry: MethodEntry) -> TrainingSet:
     """The scene, blurred as the method itself would blur it."""
-    return scene(own_blur=isinstance(entry.create({}, 0, "cpu"), Focused))
+    return scene(own_blur=entry.id == "dofgs")
 
 
 @cache

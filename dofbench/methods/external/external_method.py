@@ -21,11 +21,19 @@ from dofbench.core.errors import InputError, Status
 from dofbench.core.files import read_json, write_json
 from dofbench.core.lens import PhysicalLens
 from dofbench.core.names import inside
-from dofbench.methods.external.handed_over import Wanted, write_training_set, write_wanted
+from dofbench.methods.external.exchange import (
+    FIGURES_FILE,
+    LENSES_FILE,
+    Wanted,
+    read_figures,
+    read_lenses,
+    read_picture,
+    write_training_set,
+    write_wanted,
+)
 from dofbench.methods.external.limited_command import Limits, Taken, run_command
-from dofbench.methods.external.made_pictures import FIGURES_FILE, LENSES_FILE, read_figures, read_lenses, read_picture
 from dofbench.runtime.processes import machine_memory_mb
-from dofbench.training.common.option_groups import ListedOption, OptionGroups, listed_options
+from dofbench.training.common.options import ListedOption, OptionGroups, listed_options
 
 _MB = 1000.0  # in a GB
 _SHARE = 0.9  # of the machine's memory
@@ -35,7 +43,7 @@ _LOG = "log.txt"
 
 @dataclass(frozen=True)
 class CommandOptions:
-    """The commands, and what they may take."""
+    """The commands, and their limits."""
 
     train: str = ""
     """Command that trains on the folder {scene} and leaves what it needs in {model}; also {steps}, {seconds}, {seed},
@@ -72,10 +80,10 @@ class ExternalOptions(OptionGroups):
 
 
 class External:
-    """Trains and renders by two commands; the contract with them stands in docs/external-methods.md.
+    """Trains and renders by two commands; docs/external-methods.md is the contract with them.
 
-    A folder of this process's own holds what the commands read and write, and is removed with the object. Kept as the
-    model are the pictures, the lenses and the log: a loaded method shows these pictures and no others.
+    A temporary folder holds the files of the commands, and is removed with the object. The model is the images, the
+    lenses and the log: a loaded method shows these images and no others.
     """
 
     def __init__(self, options: dict[str, Any], seed: int, device: str):
@@ -92,11 +100,10 @@ class External:
 
     @classmethod
     def available_options(cls) -> Sequence[ListedOption]:
-        """See `ListsOptions`."""
         return listed_options(ExternalOptions)
 
     def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
-        """Hand over the training set, and run the command that trains."""
+        """Write the training set, and run the command that trains."""
         for folder in (self._scene, self._model):
             folder.mkdir(parents=True, exist_ok=True)
         write_training_set(self._scene, training_set)
@@ -117,7 +124,7 @@ class External:
         return FitOutcome(Status.OK, steps, peak_mb=taken.peak_mb)
 
     def render_ahead(self, views: Sequence[tuple[Camera, PhysicalLens | None]]) -> None:
-        """Run the command that makes the pictures of these views, unless all are there."""
+        """Run the command that renders these views, unless all images are there."""
         keys = [_key(camera, lens) for camera, lens in views]
         if all(key in self._files for key in keys):
             return
@@ -129,27 +136,27 @@ class External:
             (self._pictures / one.file).parent.mkdir(exist_ok=True)
         write_wanted(self._root / "views", wanted)
         self._run("render", {}, self._options.render_limit, lambda passed: None)
-        for one in wanted:  # what is missing or wrong is told now, and not in the middle of scoring
+        for one in wanted:  # so that a missing or wrong image ends the run now, not in the middle of scoring
             read_picture(self._pictures, one.file, one.camera)
         self._files = dict(zip(keys, names, strict=True))
 
     def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
-        """A picture that was made ahead. Raises ValueError for another."""
+        """Show an image that was rendered ahead. Raises ValueError for another."""
         file = self._files.get(_key(camera, lens))
         if file is None:
-            raise ValueError("the program made pictures of the test views alone")
+            raise ValueError("the program rendered the test views alone")
         return read_picture(self._pictures, file, camera)
 
     def lens_estimates(self) -> dict[str, PhysicalLens] | None:
-        """What lenses.json says."""
+        """The lenses of lenses.json."""
         return self._lenses
 
     def describe(self) -> dict[str, float]:
-        """What figures.json says."""
+        """The figures of figures.json."""
         return dict(self._figures)
 
     def save(self, folder: Path) -> None:
-        """Keep the pictures, the lenses, the figures and the log; not the program's own model."""
+        """Keep the images, the lenses, the figures and the log; not the program's own model."""
         if self._pictures.is_dir():
             shutil.copytree(self._pictures, folder / "pictures", dirs_exist_ok=True)
         for source in (self._model / LENSES_FILE, self._model / FIGURES_FILE, self._log):
@@ -158,7 +165,6 @@ class External:
         write_json(folder / _KEPT, {"files": self._files, "photographs": list(self._lenses or ())})
 
     def load(self, folder: Path) -> None:
-        """Read what `save` kept."""
         kept = read_json(folder / _KEPT)
         self._files = {key: inside(file, folder / _KEPT) for key, file in dict(kept["files"]).items()}
         self._figures = read_figures(folder)
@@ -187,7 +193,7 @@ class External:
         return run_command(self._command(name, words), Path.cwd(), self._log, limits, alive)
 
     def _command(self, name: str, words: Mapping[str, str]) -> list[str]:
-        """The command of that option, split as a shell would, with its words in braces filled in. Other braces stay."""
+        """The command of that option, split as by a shell, with its words in braces filled in. Other braces stay."""
         known = {
             "scene": str(self._scene),
             "model": str(self._model),
@@ -207,7 +213,7 @@ class External:
 
 
 def _key(camera: Camera, lens: PhysicalLens | None) -> str:
-    """What tells one picture from another."""
+    """The identity of an image."""
     numbers = [camera.width, camera.height, *camera.parameters, *camera.world_to_camera.ravel()]
     told = np.array(numbers + ([] if lens is None else [lens.aperture, lens.focus_disparity, lens.width]), np.float64)
     return hashlib.sha256(told.tobytes()).hexdigest()

@@ -1,4 +1,4 @@
-"""Running a command of the user's within limits of time and memory."""
+"""Running a user's command within limits of time and memory."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NO_MEMORY = ("out of memory", "MemoryError", "DefaultCPUAllocator", "bad_alloc"
 
 @dataclass(frozen=True)
 class Limits:
-    """What a command may take. seconds: wall time. memory_mb: resident memory of all its processes, MB."""
+    """Limits of a command. seconds: wall time. memory_mb: resident memory of all its processes, MB."""
 
     seconds: float
     memory_mb: float
@@ -31,7 +31,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Taken:
-    """What a command took, with all processes that it started. seconds: wall time. peak_mb: resident memory, MB."""
+    """Use of a command with all its processes. seconds: wall time. peak_mb: resident memory, MB."""
 
     seconds: float
     peak_mb: float
@@ -40,9 +40,9 @@ class Taken:
 def run_command(
     command: Sequence[str], folder: Path, log: Path, limits: Limits, alive: Callable[[float], None]
 ) -> Taken:
-    """Run a command in `folder`; what it prints is added to `log`. alive: told every second how long it has run.
+    """Run a command in `folder`, its output added to `log`. alive: called every second with the seconds so far.
 
-    Raises `Ended` with a typed status and the log's last lines, with more of them as a note, if it fails or runs into a
+    Raises `Ended` with a typed status and the log's last lines, more of them as a note, if it fails or runs into a
     limit; InputError if it can't be started. In any case, also after KeyboardInterrupt, none of its processes is left.
     """
     wanted = {
@@ -90,7 +90,7 @@ def run_command(
 
 
 def _failure(end: dict[str, Any], program: str, limits: Limits, text: str) -> Ended | None:
-    """What the guard said, as an exception; None if all went well. text: what the command printed."""
+    """The guard's report as an exception; None if all went well. text: the command's output."""
     if end["how"] == "time":
         return Ended(Status.OUT_OF_TIME, f"{program} was ended after {limits.seconds:.0f} s, its limit")
     if end["how"] == "memory":

@@ -1,4 +1,10 @@
-"""The learnable lens of every training view (DoF-Gaussian, section 4.1)."""
+"""The learnable lens of every training view (DoF-Gaussian, section 4.1), and what views share of it.
+
+A lens of focal length f at f-number N has an opening f / N wide, and its CoCs in pixels grow with the focal length in
+pixels. So views that were taken together may share their aperture (px x scene unit), up to a factor that EXIF states,
+while each has its own focus. Where cameras differ, as in portrait and landscape, the factor of the focal length in
+image widths is part of it.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +17,66 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.core.contracts import TrainingView
 from dofbench.core.errors import InputError
-from dofbench.core.lens import COC_FRACTION, DisparityRange, PhysicalLens
-from dofbench.training.common.lens_ties import LensPer, Ties
-from dofbench.training.common.rendered_surface import rendered_range
+from dofbench.core.lens import COC_FRACTION, DisparityRange, PhysicalLens, framing
+from dofbench.training.common.depth import rendered_range
 from dofbench.training.common.row_adam import RowAdam, step_together
+
+LensPer = Literal["view", "aperture", "group", "exif", "scene"]
+
+
+@dataclass(frozen=True)
+class Ties:
+    """aperture, focus: index of each view's aperture and focus, which views of equal index share. opening: the factor
+    from the shared aperture to each view's own."""
+
+    aperture: tuple[int, ...]
+    focus: tuple[int, ...]
+    opening: tuple[float, ...]
+
+    @property
+    def tied(self) -> bool:
+        """Whether some views share an aperture but not their focus."""
+        return max(self.aperture) != max(self.focus)
+
+    @staticmethod
+    def untied(count: int) -> Ties:
+        """Ties of `count` views that share nothing."""
+        every = tuple(range(count))
+        return Ties(every, every, (1.0,) * count)
+
+
+def lens_ties(views: Sequence[TrainingView], per: LensPer) -> Ties:
+    """The ties of the views. per: see option `lens_per`. Raises InputError for "group" and "exif" without f-numbers."""
+    count = len(views)
+    each, one = tuple(range(count)), (0,) * count
+    if per == "view":
+        return Ties.untied(count)
+    # CoC radii are learned in units of the image's width.
+    openings = np.array([framing(view.camera) for view in views])
+    if per == "scene":
+        return Ties(one, one, _about_median(openings))
+    numbers = [None if view.exif is None else view.exif.f_number for view in views]
+    known = [number for number in numbers if number is not None]
+    if per != "aperture" and len(known) < count:
+        name = views[numbers.index(None)].name
+        raise InputError(
+            "option lens_per",
+            f"{per}, and view {name} without an f-number",
+            "EXIF with the f-number of every photograph, or lens_per=aperture",
+        )
+    if per == "exif":
+        lengths = [None if view.exif is None else view.exif.focal_length for view in views]
+        openings = openings * np.array([1.0 if length is None else length for length in lengths]) / np.array(known)
+    different = sorted(set(known))
+    shared = tuple(different.index(number) for number in known) if per == "group" else one
+    return Ties(shared, each, _about_median(openings))
+
+
+def _about_median(openings: np.ndarray) -> tuple[float, ...]:
+    return tuple(float(opening) for opening in openings / np.median(openings))
+
 
 _FLOOR = 1e-5  # least aperture; the released code adds it after the relu
 
@@ -75,19 +136,14 @@ class LensOptions:
 
 
 class LearnedLenses:
-    """A lens per view, or lenses that views share in part (`lens_ties.py`), in the method's own normalised disparity d.
+    """A lens per view, or lenses that views share in part (`Ties`), in normalised disparity d.
 
-    Every parameterisation stands for the signed circle of confusion `slope * d + offset`, in units of 2 % of the width:
-    with aperture A and focus F, slope = A and offset = -A F. Parameterisations (`lens_activation`):
-
-    "relu" (released code): A and F are learned, both through a relu. "log": log A and F are learned, so A can't become
-    zero, where its gradient would vanish, and F may lie outside the range. "ends": the signed circles at d = 0 and at d
-    = 1 are learned. They affect the image equally strongly whatever A is, while the effect of F vanishes when A is
-    small. Where views share an aperture, "ends" learns that aperture and each view's circle at d = 1/2, which is the
-    same lens in other coordinates.
-
-    The disparity range comes from data that the method may see (its sparse points, or each rendered view). Estimates
-    are given in scene units, so they can be compared with the truth without a fit.
+    The signed CoC radius is `slope * d + offset`, in units of 2 % of the width: with aperture A and focus F, slope = A
+    and offset = -A F. Parameterisations (`lens_activation`): "relu" (released code), A and F, both through a relu;
+    "log", log A and F, so that A can't become zero, where its gradient would vanish, and F may be outside the range;
+    "ends", the signed CoC radii at d = 0 and d = 1, which affect the image equally strongly whatever A is, while the
+    effect of F vanishes with A. Views that share an aperture learn, with "ends", that aperture and their own CoC radius
+    at d = 1/2. Estimates are in scene units, so they are compared with the truth without a fit.
     """
 
     def __init__(
@@ -111,7 +167,7 @@ class LearnedLenses:
         return self._raw_of(self._options.lens_init_aperture, self._options.lens_init_focus)
 
     def _raw_of(self, aperture: float, focus: float, opening: float = 1.0) -> tuple[float, float]:
-        """The raw parameters of a lens of this shared aperture, with the focus of a view of this opening."""
+        """The raw parameters of a lens of this shared aperture and focus, for a view of this opening."""
         match self._options.lens_activation:
             case "relu":
                 return aperture, focus
@@ -122,7 +178,7 @@ class LearnedLenses:
         return -aperture * focus, aperture * (1 - focus)
 
     def _each(self, view: int) -> Iterator[tuple[RowAdam, int]]:
-        """The tables of both parameters, and the rows of `view` in them."""
+        """The tables of both parameters, and the view's row in each."""
         return zip(self._tables, (numbers[view] for numbers in self._numbers), strict=True)
 
     def _of(self, view: int) -> list[Tensor]:
@@ -146,11 +202,11 @@ class LearnedLenses:
         return aperture, -aperture * focus
 
     def forward(self, view: int) -> tuple[Tensor, Tensor]:
-        """Differentiable (slope, offset) of view number `view`; keeps the parameters' leaf tensors for `step`."""
+        """Differentiable (slope, offset) of a view; keeps the parameters' leaf tensors for `step`."""
         return self._coefficients(view, [table.leaf(row)[0] for table, row in self._each(view)])
 
     def aperture_and_focus(self, view: int) -> tuple[float, float]:
-        """A >= 1e-5 and F of view number `view`. Blur doesn't depend on the sign of the slope."""
+        """A >= 1e-5 and F of a view. Blur doesn't depend on the sign of the slope."""
         slope, offset = (float(value) for value in self._coefficients(view, self._of(view)))
         if abs(slope) < _FLOOR:
             slope = math.copysign(_FLOOR, slope)
@@ -163,18 +219,16 @@ class LearnedLenses:
 
     @property
     def follows_rendering(self) -> bool:
-        """Whether each view's disparities are normalised by the range of its rendering; then call `follow`."""
+        """Whether disparities are normalised by the range of each rendering; then call `follow`."""
         return self._options.lens_range == "render"
 
     def follow(self, view: int, disparity: Tensor, alpha: Tensor) -> None:
-        """Normalise view number `view` by the range of its rendered disparity (H, W), 1 / scene unit; alpha: (H, W)."""
+        """Normalise a view by the range of its rendered disparity (H, W), 1 / scene unit; alpha: (H, W)."""
         self.ranges[view] = rendered_range(disparity, alpha, self._first_range)
 
     def step(self, view: int, progress: float, cooldown: float = 1.0) -> None:
-        """One Adam step on view number `view`, its rate times `cooldown`, once `lens_from` has passed.
-
-        With `lens_update="dense"` every view's moments decay too.
-        """
+        """One Adam step on a view, its rate times `cooldown`, once `lens_from` has passed. With `lens_update="dense"`
+        every view's moments decay too."""
         options = self._options
         if progress < options.lens_from:
             return
@@ -182,7 +236,7 @@ class LearnedLenses:
         step_together(self._each(view), rate)
 
     def estimate(self, view: int, width: int) -> PhysicalLens:
-        """The learned lens of view number `view` in scene units, for an image `width` pixels wide."""
+        """The learned lens of a view in scene units, for an image `width` px wide."""
         aperture, focus = self.aperture_and_focus(view)
         extent = self.ranges[view].extent
         return PhysicalLens(
@@ -206,15 +260,14 @@ class LearnedLenses:
         return lenses
 
     def start_foci(self, foci: Sequence[float]) -> None:
-        """Set the foci that training starts from, normalised disparity, one a view; views that share one get their
-        median."""
+        """Set the first foci, normalised disparity, one a view; views that share one get their median."""
         for view, (number, place) in enumerate(zip(self._ties.aperture, self._ties.focus, strict=True)):
             shared = [focus for focus, other in zip(foci, self._ties.focus, strict=True) if other == place]
             raw = self._raw_of(self._options.lens_init_aperture, float(np.median(shared)), self._ties.opening[view])
             self._tables[0].values[number], self._tables[1].values[place] = raw
 
     def spoil(self, value: float) -> None:
-        """Set all parameters to `value`, such as NaN: for checks that training ends with the right status."""
+        """Set all parameters to `value`, such as NaN, for checks of a training's status."""
         for table in self._tables:
             table.values.fill_(value)
 
@@ -224,3 +277,39 @@ class LearnedLenses:
             "raw": torch.stack([torch.stack(self._of(view)) for view in range(len(self.ranges))]).numpy(force=True),
             "ranges": np.array([[r.q_min, r.q_max] for r in self.ranges]),
         }
+
+
+_INSIDE = 0.02  # normalised disparity: margin of the first foci, since some beyond the range have no gradient
+
+
+def first_lenses(
+    views: Sequence[TrainingView],
+    disparity_range: DisparityRange,
+    options: LensOptions,
+    device: torch.device | str = "cpu",
+) -> LearnedLenses:
+    """The lenses that a training starts from. Raises InputError where the options need missing EXIF."""
+    ties = lens_ties(views, options.lens_per)
+    lenses = LearnedLenses(len(views), disparity_range, options, ties, device)
+    if options.lens_focus_from == "exif":
+        lenses.start_foci(foci_by_exif(views, disparity_range, options.lens_init_focus))
+    return lenses
+
+
+def foci_by_exif(views: Sequence[TrainingView], disparity_range: DisparityRange, middle: float) -> list[float]:
+    """Normalised disparity of each view's focus, in the ratios of 1 / distance in EXIF.
+
+    EXIF's unit in scene units is unknown, so the median of the finite distances is put at `middle`. Infinity is the far
+    end of the range; an unknown distance is `middle`. Raises InputError without any finite distance.
+    """
+    distances = [None if view.exif is None else view.exif.focus_distance for view in views]
+    written = [None if distance is None else 1 / distance for distance in distances]
+    finite = [disparity for disparity in written if disparity]
+    if not finite:
+        expected = "a finite focus distance of some training photograph, or lens_focus_from=option"
+        raise InputError("option lens_focus_from", "exif, and no focus distance in EXIF", expected)
+    unit = (disparity_range.q_min + middle * disparity_range.extent) / float(np.median(finite))
+    return [
+        middle if one is None else float(np.clip(disparity_range.normalise(unit * one), _INSIDE, 1 - _INSIDE))
+        for one in written
+    ]

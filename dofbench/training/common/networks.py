@@ -1,4 +1,4 @@
-"""What the small networks of learned blur share: the encoding of places, first weights, an optimiser."""
+"""Parts of the small networks of learned blur: positional encoding, first weights, an optimiser."""
 
 from __future__ import annotations
 
@@ -8,14 +8,11 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor, nn
 
-from dofbench.training.common.nonfinite import finite_part
+from dofbench.training.common.monitor import finite_part
 
 
 class NetworkAdam:
-    """Adam over parameters, at a rate that falls exponentially to `final` times itself at the end.
-
-    Weights of a network that isn't used in a step keep their values.
-    """
+    """Adam over named parameters, at a rate that falls exponentially to `final` times itself."""
 
     def __init__(self, parameters: Iterable[tuple[str, nn.Parameter]], rate: float, final: float):
         self._parameters, self._rate, self._final = dict(parameters), rate, final
@@ -30,8 +27,7 @@ class NetworkAdam:
         return in_a_row(self.gradients().values())
 
     def step(self, progress: float, cooldown: float = 1.0) -> None:
-        """Update by the gradients, which are then dropped; nothing happens before there are any. progress: 0 to 1.
-        cooldown: a factor on the rate."""
+        """Update by the gradients, if any, and drop them. progress: 0 to 1. cooldown: a factor on the rate."""
         for group in self._adam.param_groups:
             group["lr"] = self._rate * self._final**progress * cooldown
         for parameter in self._parameters.values():
@@ -42,23 +38,20 @@ class NetworkAdam:
 
 
 def in_a_row(gradients: Iterable[Tensor | None]) -> Tensor | None:
-    """Those gradients that there are, in one row; None if there are none."""
+    """The gradients that aren't None, in one row; None if there are none."""
     found = [gradient.flatten() for gradient in gradients if gradient is not None]
     return torch.cat(found) if found else None
 
 
 def encoded_places(values: Tensor, frequencies: int) -> Tensor:
-    """(..., D (1 + 2 F)): values (..., D) in radians with the sines and cosines of 2^k times them (NeRF, Eq. 4)."""
+    """(..., D (1 + 2 F)): values (..., D), radians, and sines and cosines of 2^k times them (NeRF, Eq. 4)."""
     scaled = [values * 2.0**k for k in range(frequencies)]
     return torch.cat([values, *(wave(angle) for angle in scaled for wave in (torch.sin, torch.cos))], -1)
 
 
 def rectified(layer: nn.Module, inputs: Tensor, also: Tensor | None = None) -> Tensor:
-    """(..., W): max(0, the output of a linear layer). also: (W,), added to its bias: what is the same for all rows.
-
-    The rectifier writes over the layer's output, which nothing else needs, so that a row is written once.
-    """
-    assert isinstance(layer, nn.Linear)  # which a ModuleList doesn't tell
+    """(..., W): a linear layer and a ReLU in place. also: (W,), added to the bias, the same for all rows."""
+    assert isinstance(layer, nn.Linear)  # for the type checker: a ModuleList's items are modules
     parts = [part for part in (layer.bias, also) if part is not None]
     bias = sum(parts[1:], parts[0]) if parts else None
     return torch.relu_(nn.functional.linear(inputs, layer.weight, bias))

@@ -1,4 +1,4 @@
-"""What a space makes of world rays: straight pieces in the unit cube."""
+"""World rays as straight pieces in the unit cube, and what they see."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.runtime.factored_grid import FieldRender
+
 PER_RAY = 100.0  # density is per hundredth of a ray through the whole space
 
 
 @dataclass(frozen=True, eq=False)
 class CubeRays:
-    """R rays in the unit cube, or one straight piece of each. origins, directions: (R, 3). spans: (R, 2), the places
-    where they begin and end; what ends before it begins is not there. gain: (R,), what the length of a step along the
-    ray is multiplied by before it meets the density."""
+    """R rays in the unit cube, or one straight piece of each. origins, directions: (R, 3). spans: (R, 2), the places of
+    begin and end; a piece that ends before it begins is absent. gain: (R,), the factor on the length of a step."""
 
     origins: Tensor
     directions: Tensor
@@ -26,7 +27,7 @@ class CubeRays:
 
     @property
     def ends(self) -> Tensor:
-        """(R,) the last place of each, that where it begins if it isn't there."""
+        """(R,) the last place of each; the begin of an absent piece."""
         return torch.maximum(self.spans[:, 1], self.spans[:, 0])
 
     def points(self, places: Tensor) -> Tensor:
@@ -35,33 +36,32 @@ class CubeRays:
 
 
 class Space(Protocol):
-    """A part of the scene, and where its points lie in the unit cube."""
+    """A part of the scene, mapped to the unit cube."""
 
     @property
     def has_surroundings(self) -> bool:
-        """Whether cameras look out of it on all sides, so that what is infinitely far away is a colour for every
-        direction (`surroundings.py`)."""
+        """Whether cameras look out of it on all sides, so that it needs `Surroundings`."""
 
     @property
     def sampling(self) -> tuple[float, ...]:
-        """Into how many steps each of the K pieces of a ray is divided, as a share of `ray_samples`."""
+        """Number of steps of each of a ray's K pieces, as a share of `ray_samples`."""
 
     def pieces(self, origins: Tensor, directions: Tensor) -> tuple[CubeRays, ...]:
-        """World rays (R, 3) in the cube, K straight pieces of each from near to far; differentiable. directions: of
+        """K straight pieces in the cube of each world ray (R, 3), from near to far; differentiable. directions: of
         length 1 in z of their camera."""
 
     def depths(self, origins: Tensor, directions: Tensor, places: Tensor) -> Tensor:
-        """(K, R) z in the cameras' frames, scene units, of a place (K, R) on each piece of world rays (R, 3)."""
+        """(K, R) z in the cameras' frames, scene units, of a place (K, R) on each piece of the rays."""
 
     def nodes(self, most: int) -> tuple[int, int, int]:
         """Nodes along the cube's axes, for cells that are alike in the images; `most` along the longest."""
 
     def record(self) -> dict[str, np.ndarray]:
-        """The numbers that the space is made of, by name."""
+        """The space's numbers by name, for a file."""
 
 
 def joined(pieces: Sequence[CubeRays]) -> CubeRays:
-    """One piece of all rays after the other, as if each were a ray."""
+    """Join pieces: one piece of all rays after the other."""
     if len(pieces) == 1:
         return pieces[0]
     return CubeRays(
@@ -73,7 +73,7 @@ def joined(pieces: Sequence[CubeRays]) -> CubeRays:
 
 
 def points_along(pieces: Sequence[CubeRays], shares: Tensor) -> Tensor:
-    """(R, N, 3) in the cube at shares (N,) of the whole length of the rays, their gain being the measure of length."""
+    """(R, N, 3) points in the cube at shares (N,) of the rays' whole length, measured by the gain."""
     spans = torch.stack([piece.ends - piece.spans[:, 0] for piece in pieces])
     lengths = spans * torch.stack([piece.gain for piece in pieces])
     parts = lengths / lengths.sum(0)
@@ -86,3 +86,43 @@ def points_along(pieces: Sequence[CubeRays], shares: Tensor) -> Tensor:
     origins = torch.stack([piece.origins for piece in pieces]).gather(0, own)
     directions = torch.stack([piece.directions for piece in pieces]).gather(0, own)
     return (origins + places[..., None] * directions).transpose(0, 1)
+
+
+_NOTHING = 1e-6  # opacity of a piece that counts as if it had met something at its end
+
+
+@dataclass(frozen=True, eq=False)
+class RaysSeen:
+    """Colours and places that R rays of K pieces see. color: (R, 3). opacity: (R,).
+
+    met: (K, R), the share of the light that each piece absorbed; met_places: (K, R), where it did, on average. weights,
+    places: the same if the last piece absorbed the rest of the light at its end.
+    """
+
+    color: Tensor
+    opacity: Tensor
+    met: Tensor
+    met_places: Tensor
+    weights: Tensor
+    places: Tensor
+
+    @staticmethod
+    def of(found: FieldRender, pieces: Sequence[CubeRays]) -> RaysSeen:
+        """Combine the pieces. found: of the K times R pieces, one piece of all rays after the other."""
+        opacities, distances = (part.view(len(pieces), -1) for part in (found.opacity, found.distance))
+        ends = torch.stack([piece.ends for piece in pieces])
+        left = [torch.ones_like(opacities[0])]
+        for opacity in opacities[:-1]:
+            left.append(left[-1] * (1 - opacity))
+        reaching = torch.stack(left)
+        met = reaching * opacities
+        met_places = (distances + _NOTHING * ends) / (opacities + _NOTHING)
+        last = distances[-1] + (1 - opacities[-1]) * ends[-1]
+        return RaysSeen(
+            color=(reaching[..., None] * found.color.view(len(pieces), -1, 3)).sum(0),
+            opacity=met.sum(0),
+            met=met,
+            met_places=met_places,
+            weights=torch.cat([met[:-1], reaching[-1:]]),
+            places=torch.cat([met_places[:-1], last[None]]),
+        )

@@ -19,27 +19,22 @@ from dofbench.core.lens import PhysicalLens
 from dofbench.core.readable import parse_json, read_arrays
 from dofbench.runtime.device_memory import forget_peak, peak_mb
 from dofbench.runtime.devices import KINDS, resolve
-from dofbench.training.common.option_groups import ListedOption, listed_options
+from dofbench.training.common.options import ListedOption, listed_options
 from dofbench.training.common.photograph_colours import FILE as COLOURS
 from dofbench.training.common.photograph_colours import read_colours, write_colours
 from dofbench.training.fields.field_options import FieldOptions
-from dofbench.training.fields.field_scene import FieldScene
+from dofbench.training.fields.field_scene import FieldScene, Surroundings
 from dofbench.training.fields.field_trainer import FieldTrainer
-from dofbench.training.fields.forward.pinhole_rays import PinholeRays
-from dofbench.training.fields.forward.ray_model import RayModel
 from dofbench.training.fields.grid_field import PARAMETERS, GridField
+from dofbench.training.fields.ray_model import RayModel
 from dofbench.training.fields.space import space_of
-from dofbench.training.fields.surroundings import Surroundings
 
 _MODEL = "field.npz"
 _EXPECTED = "a field that `dofbench run` stored"
 
 
 class FieldMethod:
-    """Base of the methods that are radiance fields; by itself it is one that takes every photograph for sharp.
-
-    OPTIONS: the class of the method's options.
-    """
+    """Base of the radiance fields; by itself it assumes all-in-focus inputs. OPTIONS: the class of its options."""
 
     OPTIONS: ClassVar[type[FieldOptions]] = FieldOptions
 
@@ -61,11 +56,11 @@ class FieldMethod:
         return self._options
 
     def model(self, training_set: TrainingSet, generator: torch.Generator) -> RayModel:
-        """The forward model that photographs are explained by. generator: for all that it draws."""
-        return PinholeRays()
+        """Make the forward model of the training views. generator: for all that it draws."""
+        return RayModel()
 
     def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
-        """Train from an empty field; raises InputError without sparse points, which say where the scene lies."""
+        """Train from an empty field; raises InputError without sparse points, which give the scene's place."""
         forget_peak(self._device)
         model = self.model(training_set, torch.Generator().manual_seed(self._seed))
         trainer = FieldTrainer(training_set, self._options, model, self._seed, self._device)
@@ -82,21 +77,19 @@ class FieldMethod:
         return self._trained().render(camera)
 
     def lens_estimates(self) -> dict[str, PhysicalLens] | None:
-        """None: there is no lens."""
+        """None: no lens is learned."""
         return None
 
     def colour_estimates(self) -> dict[str, np.ndarray] | None:
-        """The learned colour of every training photograph, (3, 4) as in `photograph_colours.py`; None if none is
-        learned."""
+        """The learned colour correction of every training view, (3, 4) as in `photograph_colours.py`, or None."""
         return self._colours
 
     def describe(self) -> dict[str, float]:
-        """After training on a GPU, the most of its memory that was in use, MB; else nothing that methods share."""
+        """After training on a GPU its peak memory, MB."""
         return dict(self._peak)
 
     def save(self, folder: Path) -> None:
-        """Write the field, its space and the options that it is rendered with, as one NumPy archive, and the
-        photographs' colours if they were learned."""
+        """Write field, space and options as one NumPy archive, and learned colours."""
         scene = self._trained()
         field = scene.field
         arrays: dict[str, Any] = {name: tensor.numpy(force=True) for name, tensor in scene.parameters.items()}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dofbench.core.errors import InputError
-from dofbench.training.common.option_groups import OptionGroups
+from dofbench.training.common.options import OptionGroups
 from dofbench.training.common.photograph_colours import ColourOptions
 from dofbench.training.fields.grid_field import GridOptions
 

@@ -1,4 +1,4 @@
-"""The training loop that every radiance field of this project shares."""
+"""The training loop of all radiance fields."""
 
 from __future__ import annotations
 
@@ -13,30 +13,26 @@ from dofbench.core.contracts import FitOutcome, NonFinite, Observer, TrainingSet
 from dofbench.core.errors import InputError, Status
 from dofbench.runtime.devices import kind_of
 from dofbench.runtime.ops import warm_up
-from dofbench.training.common.nonfinite import NonFiniteError, Place, Watch
+from dofbench.training.common.monitor import NonFiniteError, Place, ReportedLoss, StageClock, Watch
 from dofbench.training.common.photograph_colours import LearnedColours
-from dofbench.training.common.seen_loss import SeenLoss
-from dofbench.training.common.stage_clock import StageClock
-from dofbench.training.fields.annealed_space import AnnealedSpace
 from dofbench.training.fields.field_options import FieldOptions
-from dofbench.training.fields.field_scene import FieldScene
-from dofbench.training.fields.forward.ray_model import Prediction, RayModel, RayScene
+from dofbench.training.fields.field_scene import FieldScene, Surroundings
 from dofbench.training.fields.grid_field import GridField
 from dofbench.training.fields.pixels import CameraTable, Pixels, TrainingPixels
-from dofbench.training.fields.surroundings import Surroundings
+from dofbench.training.fields.ray_model import Prediction, RayModel, RayTracer
+from dofbench.training.fields.space import AnnealedSpace
 
 _BETAS, _EPSILON = (0.9, 0.99), 1e-15  # TensoRF
-# Share of the training over which rates rise from nothing where views are from all around: with the whole rate from the
-# start, every camera may get a haze of its own before it, which nothing takes away again (docs/notes/fields.md).
+# Share of the training over which rates rise from 0 where views are from all around: with the whole rate from the start
+# every camera may get a haze before it that never goes (docs/notes/fields.md).
 _RISE = 0.1
 
 
 class FieldTrainer:
-    """Trains a field, and what its forward model learns, on a training set. After `fit`, or during it from an observer,
-    `scene` can be rendered at any time.
+    """Trains a field, and what its forward model learns, on a training set and a device.
 
-    colours: the photographs' colours as learned so far. device: where the field is trained; the model's tensors lie
-    there too. loss: that of the last step, None before the first.
+    After `fit`, or during it from an observer, `scene` can be rendered at any time. colours: as learned so far. loss:
+    of the last step, None before the first.
     """
 
     def __init__(
@@ -44,7 +40,7 @@ class FieldTrainer:
     ):
         if training_set.points is None or len(training_set.points) < 4:
             found = 0 if training_set.points is None else len(training_set.points)
-            raise InputError("sparse points", str(found), "at least 4, which say where the scene lies")
+            raise InputError("sparse points", str(found), "at least 4, which give the scene's place")
         self._options, self._model, self._device = options, model, device
         self._generator = torch.Generator().manual_seed(seed)
         self._pixels = TrainingPixels(training_set.views, np.random.default_rng(seed), device)
@@ -57,12 +53,12 @@ class FieldTrainer:
         self.scene = FieldScene(field, space, options, surroundings)
         self.colours = LearnedColours(len(cameras), options.colours, device)
         self._names = [view.name for view in training_set.views]
-        self._rays = RayScene(self.scene, CameraTable(cameras, device), self._generator)
+        self._tracer = RayTracer(self.scene, CameraTable(cameras, device), self._generator)
         self._optimiser = self._new_optimiser()
         self._clock = StageClock()
         self.loss: Tensor | None = None
         self._watch = Watch()
-        self._seen = SeenLoss(self._watch)
+        self._reported = ReportedLoss(self._watch)
 
     def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
         """Train until the budget or the observer ends it. A non-finite value ends with the status "diverged"."""
@@ -76,7 +72,7 @@ class FieldTrainer:
             while (progress := budget.progress(step, preset, observer.seconds)) < 1:
                 self.loss = self._step(step + 1, progress)
                 step += 1
-                if not observer.after_step(step, self._seen.after(step, self.loss)):
+                if not observer.after_step(step, self._reported.after(step, self.loss)):
                     break
             self._watch.look()
         except NonFiniteError as error:
@@ -95,7 +91,7 @@ class FieldTrainer:
         """Take step number `step`, from 1; returns the loss, without gradient.
 
         Raises NonFiniteError at the first value that isn't finite, before it can change the field. On a device such a
-        value doesn't change the field either, but is told when the watch is looked at.
+        value doesn't change the field either, but the watch reports it later.
         """
         place, options = Place(step, "", self._watch), self._options
         self._grow(progress)
@@ -105,7 +101,7 @@ class FieldTrainer:
                 self.scene.look_for_empty_cells(self._generator)
         pixels = self._model.draw(self._pixels, options.rays.batch_pixels, progress)
         with self._clock.timed(self._model.stage), place.located(self._model.stage):
-            predictions = self._model.predict(self._rays, pixels, progress)
+            predictions = self._model.predict(self._tracer, pixels, progress)
         for prediction in predictions:
             place.check(prediction.colours, self._model.stage)
         with self._clock.timed("loss"):
@@ -129,9 +125,14 @@ class FieldTrainer:
         return loss.detach()
 
     def _cost(self, predictions: Sequence[Prediction], pixels: Pixels, step: int, progress: float) -> Tensor:
-        """Mean squared errors, the forward model's own term, and every so often the roughness of the grid."""
+        """Mean squared errors, the forward model's own term, and at intervals the roughness of the grid."""
         rates = self._options.rates
-        shown = pixels.without_masked(self._photographed(torch.stack([one.colours for one in predictions]), pixels))
+        colours = torch.stack([one.colours for one in predictions])
+        if pixels.view is not None:
+            colours = self.colours.forward(pixels.view, colours)
+        else:
+            colours = self.colours.of_pixels(pixels.views, colours)
+        shown = pixels.without_masked(colours)
         weights = [one.weight for one in predictions]
         errors = [weight * (one - pixels.colours).square().mean() for weight, one in zip(weights, shown, strict=True)]
         loss = torch.stack(errors).sum()
@@ -143,18 +144,12 @@ class FieldTrainer:
             loss = loss + rates.smooth_every * smooth
         return loss
 
-    def _photographed(self, colours: Tensor, pixels: Pixels) -> Tensor:
-        """Predicted colours (..., P, 3) as each pixel's photograph has them."""
-        if pixels.view is not None:
-            return self.colours.forward(pixels.view, colours)
-        return self.colours.of_pixels(pixels.views, colours)
-
     def colour_estimates(self) -> dict[str, np.ndarray] | None:
         """See `LearnedColours.estimates`."""
         return self.colours.estimates(self._names)
 
     def _grow(self, progress: float) -> None:
-        """Give the grid the nodes that it has at `progress`; the optimiser then begins anew, as in TensoRF."""
+        """Resize the grid to its nodes at `progress`; the optimiser then begins anew, as in TensoRF."""
         options, field = self._options.grid, self.scene.field
         shape = options.shape(self.scene.space.nodes(options.nodes(progress)))
         if shape != field.shape:

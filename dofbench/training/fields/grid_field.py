@@ -76,7 +76,7 @@ class GridOptions:
 
 
 class GridField:
-    """Density and colour in the unit cube. parameters: `PARAMETERS` by name, leaf tensors, as the kernel takes them."""
+    """Density and colour in the unit cube. parameters: `PARAMETERS` by name, leaf tensors as in the kernel."""
 
     def __init__(self, shape: GridShape, parameters: dict[str, Tensor], shift: float):
         self.shape, self.shift = shape, shift
@@ -86,19 +86,19 @@ class GridField:
     def at_random(
         shape: GridShape, shift: float, generator: torch.Generator, device: torch.device | str = "cpu"
     ) -> GridField:
-        """A nearly empty field, whose numbers are the same on every device: the generator is the host's."""
+        """Draw a nearly empty field by the host's generator, the same on every device."""
         sizes = {"density": (shape.density_size,), "colour": (shape.colour_size,), "basis": shape.basis_shape}
         drawn = {name: _START * torch.randn(size, generator=generator).to(device) for name, size in sizes.items()}
         return GridField(shape, drawn, shift)
 
     @property
     def device(self) -> torch.device:
-        """Where the parameters lie."""
+        """The parameters' device."""
         return self.parameters["density"].device
 
     def render(self, rays: CubeRays, views: Tensor, samples: RaySamples, least_weight: float) -> FieldRender:
-        """What the rays see. views: (R, 3), unit directions in the world, which colours depend on."""
-        # Told the number of samples, the host needn't wait for a device to add up those of all rays.
+        """Render the rays. views: (R, 3), unit directions in the world, on which colours depend."""
+        # With `output_size` the host needn't wait for a device to add up the samples.
         gain = torch.repeat_interleave(rays.gain.detach(), samples.starts.diff(), output_size=len(samples.places))
         seen: FieldRender = load("field")(
             **self.parameters,
@@ -123,16 +123,16 @@ class GridField:
         return found
 
     def features(self, points: Tensor) -> Tensor:
-        """(P, C) what planes times lines give at points (P, 3) of the cube, without the sums that make a density and
-        colours of them: the density's channels, then the colour's, mode by mode. Points outside count as on the border.
-        Differentiable by the field."""
+        """(P, C) products of planes and lines at points (P, 3) of the cube, before the sums: the density's channels,
+        then the colour's, mode by mode; differentiable with respect to the field. Points outside count as on the
+        border."""
         grids = self.parameters["density"], self.parameters["colour"]
         found: Tensor = load("field", function="field_features")(*grids, points, shape=self.shape)
         return found
 
     @torch.no_grad()
     def resized(self, shape: GridShape) -> GridField:
-        """The same function, interpolated at other nodes."""
+        """Interpolate the field at other nodes."""
         found = {"basis": self.parameters["basis"]}
         for name, rank in self._ranks().items():
             flat = self.parameters[name].detach()
@@ -146,8 +146,8 @@ class GridField:
         return GridField(shape, found, self.shift)
 
     def roughness(self) -> dict[str, Tensor]:
-        """Mean squared difference of neighbouring nodes of the planes, of the density and of the colour
-        (TensoRF, section 4.4); differentiable."""
+        """Mean squared difference of the planes' neighbouring nodes, of density and colour (TensoRF, section 4.4);
+        differentiable."""
         ranks = self._ranks()
         return {name: _Roughness.apply(self.parameters[name], self.shape, rank) for name, rank in ranks.items()}
 
@@ -156,8 +156,8 @@ class GridField:
 
 
 class _Roughness(torch.autograd.Function):
-    """Of the planes in a flat tensor. Its gradient is written here since torch would fill a tensor of the grid's size
-    with zeros for every view of a plane, which took longer than the differences themselves."""
+    """Roughness of the planes in a flat tensor. Its gradient is written by hand: torch would fill a tensor of the
+    grid's size with zeros for every view of a plane, which took longer than the differences."""
 
     @staticmethod
     def forward(context: Any, flat: Tensor, shape: GridShape, rank: int) -> Tensor:
@@ -180,7 +180,7 @@ class _Roughness(torch.autograd.Function):
 
 
 def _differences(plane: Tensor) -> tuple[Tensor, Tensor]:
-    """Of neighbouring rows, and of neighbouring columns."""
+    """Differences of neighbouring rows, and of neighbouring columns."""
     return plane.diff(dim=0), plane.diff(dim=1)
 
 

@@ -1,4 +1,4 @@
-"""Pixels of the training photographs, and the rays behind them."""
+"""Pixels of the training views, and their rays."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from torch import Tensor
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingView
 from dofbench.runtime.device_numbers import sent
-from dofbench.training.common.nonfinite import Place
+from dofbench.training.common.monitor import Place
 
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """P pixels. views: (P,) int64. places: (P, 2), x and y of their centres, pixels. colours: (P, 3), encoded.
+    """P pixels. views: (P,) int64. places: (P, 2), x and y of their centres, px. colours: (P, 3), encoded.
 
-    view: the photograph that all of them are of, where they were drawn from one. width: of a patch, pixels. Both are
-    numbers of the host, which so needn't ask a device for them. valid: (P,) bool, the pixels of a patch that aren't
-    masked; None where all are valid.
+    view: of all pixels, if they were drawn from one. width: of a patch, px. Both are the host's numbers. valid: (P,)
+    bool, the unmasked pixels of a patch; None where all are valid.
     """
 
     views: Tensor
@@ -32,13 +31,12 @@ class Pixels:
     valid: Tensor | None = None
 
     def without_masked(self, colours: Tensor) -> Tensor:
-        """Predicted colours (..., P, 3), replaced by the photographs' where masked: no error and no gradient there."""
+        """Replace predicted colours (..., P, 3) by the views' where masked: no error and no gradient there."""
         return colours if self.valid is None else torch.where(self.valid[:, None], colours, self.colours)
 
 
 class CameraTable:
-    """The cameras of V views as tensors. sizes: (V, 2), width and height, pixels. widths: the widths as numbers of the
-    host."""
+    """The cameras of V views as tensors. sizes: (V, 2), width and height, px. widths: on the host."""
 
     def __init__(self, cameras: Sequence[Camera], device: torch.device | str = "cpu"):
         to_world = np.stack([camera.camera_to_world for camera in cameras])
@@ -50,17 +48,17 @@ class CameraTable:
 
     @property
     def focal(self) -> Tensor:
-        """(V, 2) focal lengths along x and y, pixels."""
+        """(V, 2) focal lengths along x and y, px."""
         return self._intrinsics[:, :2]
 
     def rays(
         self, views: Tensor, places: Tensor, shift: Tensor | None = None, tilt: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """World origins and directions (R, 3) behind places (R, 2), pixels, of views (R,); differentiable. The
-        directions' z in the camera's frame is 1.
+        """World origins and directions (R, 3) of places (R, 2), px, of views (R,), with z = 1 in the camera's frame;
+        differentiable.
 
-        shift: (R, 2), scene units, by which the origins lie beside the cameras' centres, along their x and y axes.
-        tilt: (R, 2), added to the directions' x and y in the cameras' frames.
+        shift: (R, 2), scene units, of the origins along the cameras' x and y axes. tilt: (R, 2), added to the
+        directions' x and y in the cameras' frames.
         """
         intrinsics, rotations = self._intrinsics[views], self._rotations[views]
         slope = (places - intrinsics[:, 2:]) / intrinsics[:, :2]
@@ -74,12 +72,10 @@ class CameraTable:
 
 
 class TrainingPixels:
-    """The pixels of the training photographs. `draw` takes them in a random order that is drawn anew when all were
-    used; `draw_view` and `draw_patch` take them from one photograph, in rounds of all photographs. Masked pixels are
-    drawn only as parts of a patch.
+    """The pixels of the training views. Masked pixels are drawn only as parts of a patch.
 
-    Which pixels a step has is drawn on the host, so that it is the same on every device; their colours are looked up on
-    the device."""
+    Pixels are drawn on the host, the same on every device; their colours are looked up on the device.
+    """
 
     def __init__(self, views: Sequence[TrainingView], random: np.random.Generator, device: torch.device | str = "cpu"):
         self._random, self._device = random, device
@@ -95,15 +91,14 @@ class TrainingPixels:
         self._round: list[int] = []
 
     def check(self, step: int) -> None:
-        """Raises NonFiniteError, at this step and with the photograph's name, unless all colours are finite.
-
-        A step draws few pixels of every photograph, so without this a training may run for long before it fails.
-        """
+        """Raise NonFiniteError unless all colours are finite. A step draws few pixels of every view, so without this a
+        training may run for long before it fails."""
         for name, start, end in zip(self._names, self._starts[:-1], self._starts[1:], strict=True):
             Place(step, name).check(torch.from_numpy(self._photographs[start:end]), "photograph")
 
     def draw(self, count: int) -> Pixels:
-        """The next `count` pixels of the order, or all if there are fewer."""
+        """Draw `count` pixels of all views, or all if there are fewer, in a random order that is drawn anew at its
+        end."""
         if self._next + count > len(self._order):
             self._order, self._next = self._random.permutation(self._all), 0
         chosen = self._order[self._next : self._next + count]
@@ -111,15 +106,15 @@ class TrainingPixels:
         return self._pixels(chosen)
 
     def draw_view(self, count: int) -> Pixels:
-        """`count` different pixels of one photograph, or all if it has fewer."""
+        """Draw `count` different pixels of one view, or all if it has fewer, in rounds of all views."""
         view = self._next_view()
         valid = self._valid[view]
         drawn = self._random.permutation(int(self._sizes[view].prod()) if valid is None else valid)
         return self._pixels(self._starts[view] + drawn[:count], view)
 
     def draw_patch(self, side: int) -> Pixels:
-        """A patch of one photograph, row after row, `side` pixels high and wide or as much as the photograph has. It
-        has at least one valid pixel."""
+        """Draw a patch of one view, row after row, `side` px high and wide or as much as the view has, with at least
+        one valid pixel."""
         view = self._next_view()
         width, height = (int(size) for size in self._sizes[view])
         valid = self._valid[view]
@@ -136,11 +131,11 @@ class TrainingPixels:
         return replace(pixels, valid=torch.from_numpy(np.isin(within, valid)).to(self._device))
 
     def _around(self, place: int, side: int, length: int) -> int:
-        """A random start of `side` pixels of a line of `length`, or all of it, with `place` among them."""
+        """A random start of `side` pixels, or all, of a line of `length`, with `place` among them."""
         return int(self._random.integers(max(0, place - side + 1), min(place, max(length - side, 0)) + 1))
 
     def _unmasked(self) -> int | np.ndarray:
-        """What `permutation` takes to draw all valid pixels: how many there are where none is masked, else which."""
+        """The argument of `permutation` to draw all valid pixels: their number if none is masked, else an array."""
         if all(valid is None for valid in self._valid):
             return int(self._starts[-1])
         pairs = zip(self._starts[:-1], self._sizes.prod(axis=1), self._valid, strict=True)
@@ -160,6 +155,6 @@ class TrainingPixels:
 
 
 def whole_image(camera: Camera, device: torch.device | str = "cpu") -> Tensor:
-    """(H W, 2): x and y of the centres of all pixels, row after row."""
+    """(H W, 2): x and y of all pixels' centres, row after row."""
     rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
     return sent(np.stack([columns.reshape(-1), rows.reshape(-1)], axis=1), device)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,9 +12,32 @@ import torch
 from torch import Tensor
 
 from dofbench.runtime.raster import ViewStatistics
-from dofbench.training.gaussians.density_pace import DensityPace
 from dofbench.training.gaussians.model import PARAMETERS, Gaussians
 from dofbench.training.gaussians.optimiser import GaussianOptimiser
+
+
+class DensityPace:
+    """Due every `every` steps, but not in a block of rest; what was due there is due after the first step behind it."""
+
+    def __init__(self, every: int):
+        self._every = every
+        self.resting = self._overdue = False
+
+    @contextmanager
+    def rest(self) -> Iterator[None]:
+        """Postpone adding, removing and moving Gaussians, and resets, during the block."""
+        self.resting = True
+        try:
+            yield
+        finally:
+            self.resting = False
+
+    def due(self, step: int) -> bool:
+        """Whether it is time after step number `step`; ask once after every step."""
+        due = step % self._every == 0 or self._overdue
+        self._overdue = self.resting and due
+        return due and not self.resting
+
 
 _SPLIT_SHRINK = 1.6  # 3DGS: two children, each 1 / 1.6 as large
 _RESET_OPACITY = 0.01
@@ -61,8 +86,7 @@ class DensityOptions:
 
     @property
     def largest_kept(self) -> float:
-        """Largest scale with which a Gaussian is kept after the first reset of opacities, share of the scene's
-        extent."""
+        """Largest scale of a Gaussian after the first reset of opacities, share of the scene's extent."""
         return math.inf
 
 
@@ -89,7 +113,7 @@ class DensityControl:
         self._visits = means.new_zeros(len(means))
 
     def cost(self) -> Tensor | None:
-        """None: density control adds nothing to the loss."""
+        """Return a term of the loss, or None."""
         return None
 
     def state(self) -> tuple[Tensor, Tensor, float]:
@@ -102,8 +126,7 @@ class DensityControl:
         self._gradient_sum, self._visits = gradient_sum.clone(), visits.clone()
 
     def record(self, statistics: ViewStatistics, width: int, height: int) -> None:
-        """Add the statistics of one photograph (width x height, pixels): gradients in 3DGS's NDC unit, and a visit of
-        every visible Gaussian."""
+        """Add the statistics of one view (width x height, px): gradients in NDC, as in 3DGS, and visits."""
         gradient_2d = statistics.abs_grad_2d if self._options.grow_absolute else statistics.grad_2d
         assert gradient_2d is not None and statistics.visible is not None
         x, y = gradient_2d[:, 0] * (0.5 * width), gradient_2d[:, 1] * (0.5 * height)
@@ -111,8 +134,7 @@ class DensityControl:
         self._visits += statistics.visible
 
     def after_step(self, step: int, progress: float) -> bool:
-        """Grow, prune or reset if it is due after step number `step`, at `progress`; True when Gaussians were added or
-        removed."""
+        """Grow, prune or reset if due after step number `step`; True when Gaussians were added or removed."""
         options = self._options
         due = self.pace.due(step)
         if self.pace.resting:
@@ -137,7 +159,7 @@ class DensityControl:
         grow = gradient >= options.grow_gradient
         room = options.max_gaussians - len(gaussians)
         if int(grow.sum()) > max(room, 0):
-            # Not all candidates fit below the limit: those with the largest gradient are taken.
+            # The candidates with the largest gradients fit below the limit.
             grow = torch.zeros_like(grow)
             if room > 0:
                 grow[torch.topk(gradient, room).indices] = True
@@ -178,7 +200,7 @@ class DensityControl:
     def _drawn(self, rows: dict[str, Tensor]) -> Tensor:
         """(N, 3) offsets from the mean, drawn from the distributions of the Gaussians in these rows."""
         scales = rows["log_scales"].exp()
-        # The generator is one of the host, so that a seed draws the same offsets on every device.
+        # The generator is the host's, so that a seed draws the same offsets on every device.
         normal = torch.randn(scales.shape, generator=self._generator, device=self._generator.device)
         return rotate(rows["quaternions"], normal.to(scales.device) * scales)
 

@@ -1,5 +1,5 @@
 """Points added once in the course of the training (Deblurring 3D Gaussian Splatting, section 3.4; CoCoGaussian has the
-same), since structure from motion finds few where photographs are blurred."""
+same), since structure from motion finds few in blurred images."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from torch import Tensor
 
 from dofbench.runtime.device_numbers import beside
 from dofbench.training.gaussians.density import DensityControl, DensityOptions
+from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.model import INITIAL_OPACITY, Gaussians
 from dofbench.training.gaussians.optimiser import GaussianOptimiser
 
-_OUTERMOST = 10  # points on each side of each axis that the box leaves out
+_OUTERMOST = 10  # points on each side of each axis that the box excludes
 _NEIGHBOURS = 4
 
 
@@ -32,9 +33,21 @@ class ExtraOptions:
     own; 2 scene units in Deblurring-3DGS."""
 
 
+@dataclass(frozen=True)
+class GrownOnceOptions(GaussianOptions):
+    """The trainer's options, and those of points that are added once."""
+
+    extra: ExtraOptions = ExtraOptions()
+
+    def density_control(
+        self, gaussians: Gaussians, optimiser: GaussianOptimiser, extent: float, generator: torch.Generator
+    ) -> DensityControl:
+        return GrowingOnce(gaussians, optimiser, self.density, self.extra, extent, generator)
+
+
 class GrowingOnce(DensityControl):
-    """Density control by gradients, and points added once. After that all scales, rotations and opacities begin anew,
-    as published."""
+    """Density control by gradients, and points added once; then all scales, rotations and opacities begin anew, as
+    published."""
 
     def __init__(
         self,
@@ -49,11 +62,9 @@ class GrowingOnce(DensityControl):
         self._extra, self._added = extra, extra.extra_points <= 0
 
     def state(self) -> tuple[Tensor, Tensor, float, bool]:  # type: ignore[override]  # what a snapshot keeps of it
-        """A copy of the statistics, and whether the points were added."""
         return (*super().state(), self._added)
 
     def restore(self, state: tuple[Tensor, Tensor, float, bool]) -> None:  # type: ignore[override]
-        """Set them to a copy of an earlier `state`."""
         super().restore(state[:3])
         self._added = state[3]
 
@@ -69,7 +80,7 @@ class GrowingOnce(DensityControl):
     def _add(self) -> None:
         self._added = True
         parameters = {name: value.detach() for name, value in self._gaussians.parameters.items()}
-        places, colours = drawn_between(parameters["means"], parameters["sh_dc"], self._extra, self._generator)
+        places, colours = draw_between(parameters["means"], parameters["sh_dc"], self._extra, self._generator)
         count = len(places)
         added = {name: value.new_zeros(count, *value.shape[1:]) for name, value in parameters.items()}
         added["means"], added["sh_dc"] = places, colours
@@ -88,10 +99,10 @@ class GrowingOnce(DensityControl):
         self._optimiser.forget(torch.arange(len(means), device=means.device))
 
 
-def drawn_between(
+def draw_between(
     means: Tensor, colours: Tensor, options: ExtraOptions, generator: torch.Generator
 ) -> tuple[Tensor, Tensor]:
-    """Places (M, 3) drawn evenly in the box of the means (N, 3), near some of them, and colours (M, 3).
+    """Draw places (M, 3) evenly in the box of the means (N, 3), near some of them, and their colours (M, 3).
 
     A colour is the mean of the four nearest ones' (N, 3), each weighted by its distance, as published: the farther the
     more.
@@ -99,7 +110,7 @@ def drawn_between(
     outermost = min(_OUTERMOST, (len(means) - 1) // 2)
     ordered = means.sort(dim=0).values
     low, high = ordered[outermost], ordered[len(means) - 1 - outermost]
-    # The generator is one of the host, so that a seed draws the same places on every device.
+    # The generator is the host's, so that a seed draws the same places on every device.
     drawn = torch.rand(options.extra_points, 3, generator=generator, device=generator.device)
     places = low + (high - low) * drawn.to(means.device)
     spacing = neighbour_distances(means)[0][:, 0].median()
@@ -111,7 +122,7 @@ def drawn_between(
 
 
 def neighbour_distances(means: Tensor) -> tuple[Tensor, Tensor]:
-    """(N, 3) distances of each mean's three nearest others, ascending, and which these are."""
+    """(N, 3) distances of each mean's three nearest others, ascending, and their indices."""
     distances, nearest = _nearest(means, means, _NEIGHBOURS)
     return distances[:, 1:], nearest[:, 1:]
 

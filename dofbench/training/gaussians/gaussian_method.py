@@ -16,22 +16,44 @@ from dofbench.core.lens import PhysicalLens
 from dofbench.runtime.device_memory import forget_peak, peak_mb
 from dofbench.runtime.devices import KINDS, resolve
 from dofbench.training.common.lens_file import read_lenses, write_lenses
-from dofbench.training.common.option_groups import ListedOption, listed_options
+from dofbench.training.common.options import ListedOption, listed_options
 from dofbench.training.common.photograph_colours import FILE as COLOURS
 from dofbench.training.common.photograph_colours import read_colours, write_colours
-from dofbench.training.gaussians.exposure import Exposures
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.gaussians.lens_renderer import LensRenderer
 from dofbench.training.gaussians.model import NEAR, Gaussians
-from dofbench.training.gaussians.rendering_options import CONVENTIONS, NEAR_PLANE, RENDERING
 from dofbench.training.gaussians.splats import lower_degree, read_offset, read_splats, write_splats
 from dofbench.training.gaussians.trainer import Trainer
 
 _MODEL, _LENSES = "gaussians.ply", "lenses.json"
+# Options with which a trained scene is rendered, in the order of lenses.json.
+RENDERING = (
+    "sh_degree",
+    "background",
+    "filter_2d",
+    "lens",
+    "lens_model",
+    "lens_rings",
+    "lens_blades",
+    "lens_rotation",
+    "lens_gamma",
+    "lens_alpha",
+    "lens_energy",
+)
+NEAR_PLANE = "near"  # recorded with them; not an option
+_CONVENTIONS = {
+    "blur": "of colours raised to lens_gamma; lens_model scatter: each pixel of the sharp image is spread evenly over "
+    "its disc, or polygon of lens_blades sides, with a rim of softness 1 / lens_alpha, its weight divided by "
+    "the area unless lens_energy is algorithm1; lens_model samples: the scene as seen from points of the lens",
+    "filter_2d": "pixels^2, added to every footprint's covariance, opacity times sqrt(det before / det after)",
+    "near": "scene units: a Gaussian whose centre isn't farther than this in z isn't drawn",
+    "background": "grey level behind the scene, encoded like the colours",
+}
 
 
 class GaussianMethod:
-    """Base of the methods that use this project's trainer. `OPTIONS`: the class of the method's options. `FORCED`:
-    options that define the method and can't be set."""
+    """Base of the Gaussian methods. OPTIONS: the class of the method's options. FORCED: options that define the method
+    and can't be set."""
 
     OPTIONS: ClassVar[type[GaussianOptions]] = GaussianOptions
     FORCED: ClassVar[Mapping[str, Any]] = {}
@@ -45,7 +67,7 @@ class GaussianMethod:
         self._seed = seed
         self._gaussians: Gaussians | None = None
         self._trainer: Trainer | None = None
-        self._exposures: Exposures | None = None  # renders the model while no training is running
+        self._renderer: LensRenderer | None = None  # of a model that isn't being trained
         self._lenses: dict[str, PhysicalLens] | None = None
         self._colours: dict[str, np.ndarray] | None = None
         self._peak: dict[str, float] = {}
@@ -58,46 +80,43 @@ class GaussianMethod:
 
     @property
     def options(self) -> GaussianOptions:
-        """The current options, which training may have revised since the method was made."""
+        """The current options, which trials may have revised."""
         return self._trainer.options if self._trainer else self._options
 
     def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
         """Train from the sparse points; raises InputError when there are none."""
         forget_peak(self._device)
         self._trainer = Trainer(training_set, self._options, self._seed, self._device)
-        self._gaussians, self._exposures = self._trainer.gaussians, None
+        self._gaussians, self._renderer = self._trainer.gaussians, None
         self._offset = training_set.offset
         outcome = self._trainer.fit(budget, observer)
         self._peak = peak_mb(self._device)
-        self._exposures = Exposures(self._gaussians, self.options)
+        self._renderer = LensRenderer(self._gaussians, self.options)
         return outcome
 
     def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
         """Render; ValueError for a lens when the method has none."""
         if lens is not None and not self.options.lens.lens:
             raise ValueError("this method has no lens: it can't refocus")
-        return self.exposures.render(camera, lens)
+        return self.renderer.render(camera, lens)
 
     def lens_estimates(self) -> dict[str, PhysicalLens] | None:
         """The learned lens of every training view, None without a lens."""
         return self._trainer.lens_estimates() if self._trainer else self._lenses
 
     def colour_estimates(self) -> dict[str, np.ndarray] | None:
-        """The learned colour of every training photograph, (3, 4) as in `photograph_colours.py`; None if none is
-        learned."""
+        """The learned colour correction of every training view, (3, 4) as in `photograph_colours.py`, or None."""
         return self._trainer.colour_estimates() if self._trainer else self._colours
 
     def describe(self) -> dict[str, float]:
-        """Number of Gaussians; after training on a GPU, the most of its memory that was in use too, MB."""
+        """Number of Gaussians; after training on a GPU its peak memory too, MB."""
         return {"gaussians": len(self.gaussians), **self._peak}
 
     def save(self, folder: Path) -> None:
-        """Write the Gaussians as 3DGS' .ply, the learned lenses and the rendering options as JSON, and the photographs'
-        colours if they were learned.
+        """Write the Gaussians as 3DGS' .ply, the lenses and rendering options as JSON, and learned colours.
 
-        The .ply has the coordinates of the scene's files; `load` subtracts their offset again, which its header states.
-        The 3D filter, where it is on, is merged into the Gaussians, so a model that is read back renders the same
-        except for rounding.
+        The .ply has the coordinates of the scene's files; its header states the offset, which `load` subtracts. The 3D
+        filter is merged into the Gaussians, so a model that is read back renders the same except for rounding.
         """
         shown = self.gaussians
         if not self.options.appearance.filter_3d:
@@ -105,7 +124,7 @@ class GaussianMethod:
         write_splats(folder / _MODEL, shown, self._offset)
         values = self.options.flat()
         rendering = {**{name: values[name] for name in RENDERING}, NEAR_PLANE: self.gaussians.near}
-        write_lenses(folder / _LENSES, self.lens_estimates(), rendering, CONVENTIONS)
+        write_lenses(folder / _LENSES, self.lens_estimates(), rendering, _CONVENTIONS)
         if (colours := self.colour_estimates()) is not None:
             write_colours(folder / COLOURS, colours)
 
@@ -122,12 +141,12 @@ class GaussianMethod:
         self._options = self._options.with_overrides(rendering, f"{folder / _LENSES}: rendering")
         self._gaussians = lower_degree(gaussians, self._options.appearance.sh_degree)
         self._colours = read_colours(folder / COLOURS) if (folder / COLOURS).is_file() else None
-        self._trainer, self._exposures = None, Exposures(self._gaussians, self._options)
+        self._trainer, self._renderer = None, LensRenderer(self._gaussians, self._options)
 
     @property
-    def exposures(self) -> Exposures:
-        """What renders the model, as tensors on its device too."""
-        return self._exposures or Exposures(self.gaussians, self.options)
+    def renderer(self) -> LensRenderer:
+        """The renderer of the model, which also gives tensors on its device."""
+        return self._renderer or LensRenderer(self.gaussians, self.options)
 
     @property
     def gaussians(self) -> Gaussians:
@@ -135,3 +154,9 @@ class GaussianMethod:
         if self._gaussians is None:
             raise RuntimeError("the method holds no model: call fit or load first")
         return self._gaussians
+
+
+class LenslessMethod(GaussianMethod):
+    """Base of the Gaussian methods without a lens, and so without adaptation to it."""
+
+    FORCED: ClassVar[Mapping[str, Any]] = {"lens": False, "adaptation": "off"}

@@ -30,11 +30,11 @@ PARAMETERS = ("means", "log_scales", "quaternions", "opacity_logits", "sh_dc", "
 
 
 class Gaussians:
-    """N Gaussians, float32 tensors in the units that the optimiser sees.
+    """N Gaussians, float32, as the optimiser sees them.
 
-    means (N, 3) scene units; log_scales (N, 3); quaternions (N, 4), w first, any length;
-    opacity_logits (N,); sh_dc (N, 3); sh_rest (N, K - 1, 3); filter_3d (N,) scene units or None. near: z, scene units,
-    up to which a Gaussian isn't drawn.
+    means (N, 3) scene units; log_scales (N, 3); quaternions (N, 4), w first, any length; opacity_logits (N,); sh_dc
+    (N, 3); sh_rest (N, K - 1, 3); filter_3d (N,) scene units or None. near: z, scene units, up to which nothing is
+    drawn.
     """
 
     def __init__(self, parameters: dict[str, Tensor], filter_3d: Tensor | None = None, near: float = NEAR):
@@ -56,11 +56,10 @@ class Gaussians:
 
     @staticmethod
     def from_points(points: PointCloud | None, sh_degree: int, device: torch.device | str = "cpu") -> Gaussians:
-        """One Gaussian a point: scale from the three nearest neighbours, the point's colour (3DGS).
+        """One Gaussian a point, with its colour, and the scale from its three nearest neighbours (3DGS).
 
-        Neighbours count as at least `LEAST_SPACING` of the median distance away, so that points that coincide have a
-        size too. device: where the parameters lie. Raises InputError when there are fewer than four points, or all
-        coincide.
+        Neighbours count as at least `LEAST_SPACING` of the median distance away, so that coinciding points have a size
+        too. Raises InputError when there are fewer than four points, or all coincide.
         """
         from scipy.spatial import cKDTree
 
@@ -91,11 +90,10 @@ class Gaussians:
 
     @torch.no_grad()
     def update_filter_3d(self, cameras: Sequence[Camera]) -> None:
-        """Compute Mip-Splatting's 3D filter, (N,) scene units, from the finest sampling of the views that see each
-        Gaussian.
+        """Compute Mip-Splatting's 3D filter, (N,) scene units, from the finest sampling of the views of each Gaussian.
 
-        A view sees a Gaussian when it is in front of it and projects at most 15 % outside the image; a Gaussian that no
-        view sees gets the largest size of the others. Raises InputError if no Gaussian is seen.
+        A view sees a Gaussian in front of it that projects at most 15 % outside the image. A Gaussian that no view sees
+        gets the largest size of the others. Raises InputError if no Gaussian is seen.
         """
         means = self.parameters["means"].detach()
         finest = means.new_full((len(means),), math.inf)
@@ -108,7 +106,7 @@ class Gaussians:
             seen = (depth > self.near) & (u > -0.15 * w) & (u < 1.15 * w) & (v > -0.15 * h) & (v < 1.15 * h)
             size = depth / max(camera.fx, camera.fy) * math.sqrt(FILTER_3D_VARIANCE)
             finest = torch.where(seen, torch.minimum(finest, size), finest)
-        # One more number, so that no Gaussians at all are as many that aren't seen.
+        # One more number, so that there is a maximum without any Gaussians.
         sizes = torch.cat([torch.where(torch.isinf(finest), -math.inf, finest), means.new_full((1,), -math.inf)])
         largest = sizes.max()
         if math.isinf(float(largest)):
@@ -116,10 +114,7 @@ class Gaussians:
         self.filter_3d = torch.minimum(finest, largest)
 
     def save(self, path: Path) -> None:
-        """Write all parameters bit for bit as a compressed numpy archive, atomically, to continue with later.
-
-        A file for other programs is written by `splats.write_splats`.
-        """
+        """Write all parameters bit for bit as a compressed NumPy archive, atomically."""
         arrays = {name: value.numpy(force=True) for name, value in self.parameters.items()}
         arrays["near"] = np.array(self.near)
         if self.filter_3d is not None:
@@ -150,11 +145,8 @@ class Gaussians:
 
 
 def near_plane(sparse: DisparityRange) -> float:
-    """Where the near plane of a scene lies, scene units: where 3DGS has it, or nearer if the sparse points reach so
-    near.
-
-    The unit of a reconstruction is arbitrary, and a macro scene in metres lies within 3DGS's near plane as a whole.
-    """
+    """The near plane of a scene, scene units: 3DGS's, or nearer if the sparse points reach so near. The unit of a
+    reconstruction is arbitrary, and a macro scene in metres is within 3DGS's near plane as a whole."""
     return min(NEAR, 1 / (NEAREST_SHARE * sparse.q_max))
 
 

@@ -1,4 +1,4 @@
-"""From Gaussians to sharp images and depth; used by training, evaluation and loaded models."""
+"""From Gaussians to sharp images and depth, in training and rendering."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dofbench.training.gaussians.model import Gaussians
 
 @dataclass(frozen=True)
 class AppearanceOptions:
-    """How Gaussians are drawn: their colours' dependence on direction, the filters against aliasing, the background."""
+    """How Gaussians are drawn: spherical harmonics, the filters against aliasing, the background."""
 
     sh_degree: int = 3
     """Highest degree of the spherical harmonics. Unit: none. Source: 3DGS."""
@@ -38,7 +38,7 @@ class AppearanceOptions:
         return True
 
     def degree(self, progress: float) -> int:
-        """The degree of the spherical harmonics that training has reached at `progress`, 0 to 1."""
+        """The degree of the spherical harmonics at `progress` of the training, 0 to 1."""
         return min(self.sh_degree, int(progress / self.sh_every)) if self.sh_every > 0 else self.sh_degree
 
 
@@ -52,11 +52,8 @@ def rasterise(
     statistics: ViewStatistics | None = None,
     changes: Mapping[str, Tensor] | None = None,
 ) -> Raster:
-    """The rasteriser kernel with the method's filters and background.
-
-    Without `sh_degree` all spherical harmonics are used; those that training hasn't reached yet are zero. changes:
-    parameters that replace the Gaussians' own.
-    """
+    """Rasterise with the method's filters and background. sh_degree: None for all; those that training hasn't reached
+    are zero. changes: parameters that replace the Gaussians' own."""
     drawn = {**_drawn(gaussians, camera, appearance, sh_degree), **(changes or {})}
     raster: Raster = load("rasterize")(**drawn, geometry=geometry, statistics=statistics)
     return raster
@@ -73,10 +70,10 @@ def rasterise_from_points(
     sh_degree: int | None = None,
     statistics: ViewStatistics | None = None,
 ) -> Tensor:
-    """(P, H, W, 3): the scene as seen from points (P, 2) of the unit lens.
+    """(P, H, W, 3): rasterise from points (P, 2) of the unit lens.
 
-    radius: (N,) pixels, each Gaussian's signed circle of confusion. blur: (N,) px^2, the variance of the blur of the
-    cell that a point stands for. Gradients reach both. The other arguments are those of `rasterise`.
+    radius: (N,) signed CoC radii, px. blur: (N,) px^2, the variance of the blur of a point's cell. Gradients reach
+    both. The other arguments are those of `rasterise`.
     """
     images: Tensor = load("rasterize", function="rasterize_from_points")(
         **_drawn(gaussians, camera, appearance, sh_degree),

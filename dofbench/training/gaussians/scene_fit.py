@@ -15,8 +15,9 @@ from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import Status
-from dofbench.scenes.scene import Scene
-from dofbench.training.common.rendered_surface import SURFACE_ALPHA
+from dofbench.scenes.depth.source import DepthEstimate, SourceId, trust
+from dofbench.scenes.scene import Scene, SceneView
+from dofbench.training.common.depth import SURFACE_ALPHA
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.model import SH_C0, Gaussians
 from dofbench.training.gaussians.render import rasterise
@@ -24,7 +25,7 @@ from dofbench.training.gaussians.trainer import Trainer
 
 Progress = Callable[[int, int], None]
 
-# This training is for depth, so the points supervise it, in disparity, because blur is linear in disparity.
+# This training is for depth, so the points supervise it, in disparity, in which blur is linear.
 OPTIONS = GaussianOptions().with_overrides(
     {
         "lens": False,
@@ -47,9 +48,8 @@ OPTIONS = GaussianOptions().with_overrides(
     }
 )
 
-# The order in which manifests list the options. A dataset's checksum covers its manifest, and results are kept under
-# the checksum, so making a dataset again must give the same bytes; options that are new come after these, and only if
-# they aren't at their default, which trains as before there was the option.
+# The order of options in manifests. A dataset's checksum covers its manifest, so making a dataset again must give the
+# same bytes; newer options come after these, and only if they aren't at their default.
 _LISTED = (
     "steps coarse_until coarse_factor max_gaussians sh_degree sh_every background filter_2d filter_3d means_lr "
     "means_lr_final sh_dc_lr sh_rest_lr opacity_lr scale_lr rotation_lr cooldown_from cooldown_to ssim_weight "
@@ -67,10 +67,8 @@ _LISTED = (
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """depth: (H, W) float32 z in scene units, 0 where nothing was reconstructed. alpha: (H, W) accumulated opacity.
-
-    spread: (H, W), 1 / scene unit: standard deviation of disparity among the Gaussians that the pixel is blended from.
-    """
+    """depth: (H, W) float32 z in scene units, 0 where nothing was reconstructed. alpha: (H, W). spread: (H, W),
+    1 / scene unit, standard deviation of disparity among the pixel's Gaussians."""
 
     depth: np.ndarray
     alpha: np.ndarray
@@ -88,9 +86,8 @@ class Reconstruction:
         """The surface of the reconstruction as the camera sees it."""
         raster = rasterise(self.gaussians, camera, self._options.appearance, sh_degree=0)
         assert raster.depth is not None
-        # Rendered with disparity and its square as colours: their blends give mean and variance of disparity. Gaussians
-        # that the camera doesn't see have none, since the unit is the largest disparity, and digits of values much
-        # smaller than the unit are lost.
+        # Rendered with disparity and its square as colours, for mean and variance of disparity. Gaussians behind the
+        # near plane have none: the unit is the largest disparity, and digits of much smaller values are lost.
         pose = torch.from_numpy(np.array(camera.world_to_camera)).float()
         z = self.gaussians.parameters["means"] @ pose[2, :3] + pose[2, 3]
         disparity = torch.where(z > self.gaussians.near, 1 / z, 0.0)
@@ -141,15 +138,14 @@ class _ProgressObserver:
         return True
 
     def stage(self, name: str, done: int, total: int) -> None:
-        """Ignored: only the steps are shown."""
+        """Ignored."""
 
 
 def reconstruct(scene: Scene, *, steps: int, seed: int, progress: Progress | None = None) -> Reconstruction:
-    """Train on all views of an all-in-focus scene, test views too, since the depth is part of a dataset's truth and not
-    of a method under test.
+    """Train on all views of an all-in-focus scene, test views too, since the depth is part of a dataset's truth.
 
-    progress: called with (step, steps). Raises InputError when the scene has no points, and
-    FloatingPointError when training meets a non-finite number.
+    progress: called with (step, steps). Raises InputError when the scene has no points, and FloatingPointError when
+    training diverges.
     """
     scene.require_points("a Gaussian reconstruction")
     options = OPTIONS.with_overrides({"steps": steps})
@@ -162,3 +158,52 @@ def reconstruct(scene: Scene, *, steps: int, seed: int, progress: Progress | Non
     if outcome.status is not Status.OK:
         raise FloatingPointError(f"{scene.root}: reconstruction {outcome.status}: {outcome.message}")
     return Reconstruction(trainer.gaussians, options)
+
+
+class SplatDepth:
+    """The depth source `splat`: rendered from a trained reconstruction, consistent between views, 0 without a
+    surface."""
+
+    id: SourceId = "splat"
+    confidence = (
+        "accumulated opacity, times 1 / (1 + (s / 5 % of the view's disparity range)^2), s the standard deviation of "
+        "disparity among the Gaussians that the pixel is blended from"
+    )
+
+    def __init__(self, reconstruction: Reconstruction, provenance: dict[str, Any]):
+        self._reconstruction, self._provenance = reconstruction, provenance
+
+    @classmethod
+    def make(
+        cls, scene: Scene, *, steps: int, seed: int, work: Path, progress: Callable[[int, int], None] | None = None
+    ) -> SplatDepth:
+        """Reconstruct the scene, or load an earlier run's reconstruction from `work`. Raises InputError without
+        points."""
+        path = work / "reconstruction.npz"
+        if not path.is_file():
+            reconstruction = reconstruct(scene, steps=steps, seed=seed, progress=progress)
+            reconstruction.save(path)
+        # Always from the file, so that a resumed run renders the same numbers as an uninterrupted one.
+        reconstruction = Reconstruction.load(path, steps=steps)
+        provenance = {
+            "from": "a Gaussian reconstruction of the all-in-focus images of all views",
+            "steps": steps,
+            "seed": seed,
+            "options": dict(reconstruction.settings()),
+        }
+        return cls(reconstruction, provenance)
+
+    def estimate(self, view: SceneView) -> DepthEstimate:
+        """Depth at the view's camera, 0 where nothing was reconstructed."""
+        surface = self._reconstruction.surface(view.camera)
+        known = surface.depth > 0
+        confidence = np.where(known, np.clip(surface.alpha, 0, 1), 0)
+        if known.any():
+            low, high = np.percentile(1 / surface.depth[known], [5, 95])
+            if high > low:
+                confidence = confidence * trust(surface.spread / (high - low))
+        return DepthEstimate(np.ascontiguousarray(surface.depth, dtype=np.float32), confidence.astype(np.float32))
+
+    def provenance(self) -> dict[str, Any]:
+        """Steps, seed and options of the training."""
+        return self._provenance

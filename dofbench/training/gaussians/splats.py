@@ -28,12 +28,10 @@ _OFFSET_SAYS = "comment x y z are double precision: local coordinates plus this 
 def write_splats(path: Path, gaussians: Gaussians, offset: Offset = NO_OFFSET) -> None:
     """Write N Gaussians as binary little-endian PLY of float32, atomically.
 
-    Mip-Splatting's 3D filter is merged into the scales and opacities, since viewers don't support the filter. Scales
-    are natural
+    Mip-Splatting's 3D filter is merged into scales and opacities, since viewers don't support it. Scales are natural
     logarithms of scene units, opacities logits, quaternions w first and of unit length; f_rest holds all of one
-    channel's coefficients before the next one's, zero above the scene's degree; normals are zero.
-    offset: added to the positions, which are then doubles, since float32 would round them to half a metre in a UTM
-    zone's; a comment in the header states it.
+    channel's coefficients before the next one's, zero above the scene's degree; normals are zero. offset: added to the
+    positions, which are then doubles (float32 rounds UTM coordinates to half a metre), and stated in the header.
     """
     parameters = {name: value.numpy(force=True) for name, value in gaussians.parameters.items()}
     log_scales, logits = (parameters[name].astype(np.float64) for name in ("log_scales", "opacity_logits"))
@@ -85,8 +83,7 @@ def _unit(quaternions: np.ndarray) -> np.ndarray:
 
 
 def read_offset(path: Path) -> Offset:
-    """The offset that the header of a .ply of `write_splats` states; zero without. Raises InputError for a damaged
-    one."""
+    """The offset in the header of a .ply of `write_splats`, or zero. Raises InputError for a damaged one."""
     for comment in read_comments(path, EXPECTED):
         match comment.split():
             case [word, *numbers] if word == _OFFSET:
@@ -103,9 +100,8 @@ def read_offset(path: Path) -> Offset:
 def read_splats(path: Path, offset: Offset | None = None) -> Gaussians:
     """Read Gaussians from 3DGS' PLY, binary or ASCII, with harmonics of degree 0 to 3, from any program.
 
-    Properties that 3DGS doesn't have are ignored, except Mip-Splatting's filter_3D. offset: subtracted from the
-    positions before they become float32; None for the header's. Raises InputError when the file isn't there, is
-    damaged, or lacks a property.
+    Other properties are ignored, except Mip-Splatting's filter_3D. offset: subtracted from the positions before they
+    become float32; None for the header's. Raises InputError for a missing or damaged file or property.
     """
     offset = read_offset(path) if offset is None else offset
     rows = read_vertices(path, EXPECTED)

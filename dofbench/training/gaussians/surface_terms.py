@@ -8,11 +8,15 @@ from typing import Protocol
 from torch import Tensor
 
 from dofbench.runtime.raster import GEOMETRIES, Geometry
-from dofbench.training.common.depth_loss import SupervisionOptions, depth_loss
-from dofbench.training.common.training_views import Photograph
-from dofbench.training.gaussians.distortion import DistortionOptions, distortion_loss
-from dofbench.training.gaussians.forward.forward_model import SharpView
-from dofbench.training.gaussians.normals import NormalOptions, normal_consistency
+from dofbench.training.common.depth import SupervisionOptions, depth_loss
+from dofbench.training.common.views import ScaledView
+from dofbench.training.gaussians.forward_model import SharpView
+from dofbench.training.gaussians.surface_losses import (
+    DistortionOptions,
+    NormalOptions,
+    distortion_loss,
+    normal_consistency,
+)
 
 
 class SurfaceTerm(Protocol):
@@ -20,10 +24,10 @@ class SurfaceTerm(Protocol):
 
     reads: Geometry
 
-    def acts(self, step: int, progress: float, view: Photograph) -> bool:
+    def acts(self, step: int, progress: float, view: ScaledView) -> bool:
         """Whether the term is used in step number `step` (from 1) at `progress`, 0 to 1, for this photograph."""
 
-    def cost(self, sharp: SharpView, view: Photograph, progress: float, weight: Tensor | None) -> Tensor:
+    def cost(self, sharp: SharpView, view: ScaledView, progress: float, weight: Tensor | None) -> Tensor:
         """The term's contribution to the loss. weight: (H, W), that of the adaptation, or None."""
 
 
@@ -36,11 +40,11 @@ class KnownDepth:
     def __init__(self, options: SupervisionOptions, extent: float):
         self._options, self._extent = options, extent
 
-    def acts(self, step: int, progress: float, view: Photograph) -> bool:
+    def acts(self, step: int, progress: float, view: ScaledView) -> bool:
         """True for photographs with known depth, in every `depth_every`-th step."""
         return view.known is not None and step % self._options.depth_every == 0
 
-    def cost(self, sharp: SharpView, view: Photograph, progress: float, weight: Tensor | None) -> Tensor:
+    def cost(self, sharp: SharpView, view: ScaledView, progress: float, weight: Tensor | None) -> Tensor:
         """The weighted depth loss."""
         raster = sharp.raster
         assert raster.depth is not None and view.known is not None
@@ -57,11 +61,11 @@ class Normals:
     def __init__(self, options: NormalOptions):
         self._options = options
 
-    def acts(self, step: int, progress: float, view: Photograph) -> bool:
+    def acts(self, step: int, progress: float, view: ScaledView) -> bool:
         """True from `normal_from` on."""
         return progress >= self._options.normal_from
 
-    def cost(self, sharp: SharpView, view: Photograph, progress: float, weight: Tensor | None) -> Tensor:
+    def cost(self, sharp: SharpView, view: ScaledView, progress: float, weight: Tensor | None) -> Tensor:
         """The weighted loss over the whole view; the adaptation's weight isn't used."""
         options, raster = self._options, sharp.raster
         assert raster.normal is not None and raster.depth is not None and raster.median_depth is not None
@@ -84,11 +88,11 @@ class Distortion:
     def __init__(self, options: DistortionOptions):
         self._options = options
 
-    def acts(self, step: int, progress: float, view: Photograph) -> bool:
+    def acts(self, step: int, progress: float, view: ScaledView) -> bool:
         """True from `distortion_from` on."""
         return progress >= self._options.distortion_from
 
-    def cost(self, sharp: SharpView, view: Photograph, progress: float, weight: Tensor | None) -> Tensor:
+    def cost(self, sharp: SharpView, view: ScaledView, progress: float, weight: Tensor | None) -> Tensor:
         """The weighted loss over the whole view; the adaptation's weight isn't used."""
         options, raster = self._options, sharp.raster
         assert raster.distortion is not None

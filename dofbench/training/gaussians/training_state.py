@@ -14,19 +14,15 @@ from torch import Tensor
 from dofbench.core.contracts import PointCloud, TrainingSet
 from dofbench.core.lens import DisparityRange
 from dofbench.runtime.raster import Geometry
-from dofbench.training.common.adaptation import NO_ADAPTATION, AdaptationOptions
-from dofbench.training.common.first_lenses import first_lenses
-from dofbench.training.common.lens_ties import lens_ties
-from dofbench.training.common.lenses import LearnedLenses
-from dofbench.training.common.nonfinite import Watch
+from dofbench.training.common.depth import all_disparities
+from dofbench.training.common.lenses import LearnedLenses, first_lenses, lens_ties
+from dofbench.training.common.losses import NO_ADAPTATION, AdaptationOptions
+from dofbench.training.common.monitor import Watch
 from dofbench.training.common.photograph_colours import LearnedColours
-from dofbench.training.common.supervision import all_disparities
-from dofbench.training.common.training_views import Photograph
-from dofbench.training.common.view_order import OrderState, ViewOrder
-from dofbench.training.gaussians.forward.forward_model import BlurStart, LearnedBlur, SharpView
-from dofbench.training.gaussians.forward.forward_schedule import ForwardSchedule
-from dofbench.training.gaussians.forward.shot import Shot
+from dofbench.training.common.views import OrderState, ScaledView, ViewOrder
+from dofbench.training.gaussians.forward_model import BlurStart, LearnedBlur, SharpView, Shot
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
+from dofbench.training.gaussians.lens_models import ForwardSchedule
 from dofbench.training.gaussians.model import near_plane, scene_extent
 from dofbench.training.gaussians.optimiser import GaussianOptimiser, ParameterState
 from dofbench.training.gaussians.surface_terms import surface_terms
@@ -34,7 +30,7 @@ from dofbench.training.gaussians.surface_terms import surface_terms
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """A copy of a `TrainingState` at one moment."""
+    """A copy of a `TrainingState`."""
 
     options: GaussianOptions
     optimiser: dict[str, ParameterState]
@@ -50,13 +46,11 @@ class Snapshot:
 
 
 class TrainingState:
-    """Gaussians, learned lenses and colours, their optimisers, and the random generators.
+    """Gaussians, learned lenses, colours and blur, their optimisers, and the random generators, on one device.
 
-    device: where the tensors lie.
-    random: draws the order of photographs and turns the points of the lens. generator: draws the children of Gaussians.
-    cameras: those of the photographs at the current training size. range: the range of the sparse points' disparities.
-    loss: the loss of the last step, None before the first. watch: looks for values on a device that aren't finite.
-    blur: learned blur that isn't a lens's, or None.
+    random: draws the order of views and rotates the aperture samples. generator: draws the children of Gaussians.
+    cameras: of the views at the current training size. range: of the sparse points' disparities. loss: of the last
+    step, None before the first. watch: finds values on a device that aren't finite.
     """
 
     def __init__(self, training_set: TrainingSet, options: GaussianOptions, seed: int, device: str = "cpu"):
@@ -79,7 +73,7 @@ class TrainingState:
         self.loss: Tensor | None = None
         self.watch = Watch()
         self._use(options)
-        self._optimise()
+        self._make_optimiser()
         self.gaussians.update_filter_3d(self.cameras)
 
     def _use(self, options: GaussianOptions) -> None:
@@ -87,20 +81,19 @@ class TrainingState:
         self.forward = options.forward_models() if self.blur is None else ForwardSchedule(self.blur.models())
         self.terms = surface_terms(options.supervision, options.normals, options.distortion, self.range.extent)
 
-    def _optimise(self) -> None:
+    def _make_optimiser(self) -> None:
         options = self.options
         self.optimiser = GaussianOptimiser(self.gaussians, options.rates, self._extent)
         self.density = options.density_control(self.gaussians, self.optimiser, self._extent, self.generator)
 
     def start_from(self, points: PointCloud) -> None:
         """Start again from these points. The object `gaussians` stays the same, since other objects refer to it."""
-        begun = self.options.first_gaussians(points, self._device)
-        self.gaussians.parameters = begun.parameters
-        self._optimise()
+        self.gaussians.parameters = self.options.first_gaussians(points, self._device).parameters
+        self._make_optimiser()
         self.gaussians.update_filter_3d(self.cameras)
 
     def learned(self) -> Mapping[str, LearnedLenses | LearnedColours | LearnedBlur]:
-        """Quantities learned for the photographs beside the scene, by name."""
+        """Quantities learned for the views besides the scene, by name."""
         found = {"lens": self.lenses, "blur": self.blur, "colours": self.colours}
         return {name: one for name, one in found.items() if one is not None}
 
@@ -113,9 +106,8 @@ class TrainingState:
         follows = self.lenses is not None and self.lenses.follows_rendering
         return "depth" if follows or adaptation.active else "none"
 
-    def shot(self, view: Photograph, sharp: SharpView, adaptation: AdaptationOptions) -> Shot:
-        """Camera and lens, as learned so far, of a photograph in one step; a lens of aperture 0 in a training without
-        lenses."""
+    def shot(self, view: ScaledView, sharp: SharpView, adaptation: AdaptationOptions) -> Shot:
+        """Camera and lens of a view in one step; the aperture is 0 in a training without lenses."""
         if self.lenses is None:
             return Shot(view.camera, self.range, 0.0, 0.0, number=view.index)
         if self.lenses.follows_rendering:
@@ -126,7 +118,7 @@ class TrainingState:
         return Shot(view.camera, self.lenses.ranges[view.index], slope, offset, narrowed, clipped, view.index)
 
     def shots(self) -> Sequence[Shot]:
-        """All photographs with their lenses as learned so far, as numbers."""
+        """All views with their lenses as learned so far, as numbers."""
         lenses, shots = self.lenses, []
         assert lenses is not None
         for index, camera in enumerate(self.cameras):
@@ -136,7 +128,7 @@ class TrainingState:
         return shots
 
     def revise(self, changes: Mapping[str, Any]) -> None:
-        """Change options: leave out the lens, let photographs share one, or use another forward model."""
+        """Change options: disable the lens, let views share one, or use another forward model."""
         before = self.options.lens
         self._use(self.options.with_overrides(changes))
         if not self.options.lens.lens:
@@ -146,7 +138,7 @@ class TrainingState:
             self.lenses = self.lenses.shared(lens_ties(self._views, self.options.lens.lens_per))
 
     def snapshot(self) -> Snapshot:
-        """A copy of the whole state."""
+        """Copy the whole state."""
         assert self.gaussians.filter_3d is not None
         return Snapshot(
             options=self.options,

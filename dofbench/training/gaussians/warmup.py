@@ -1,8 +1,7 @@
-"""Compiling on two cores: a second process compiles the kernels of lens and loss while this process compiles the
-rasteriser.
+"""JIT compilation on two cores: a second process compiles the kernels of lens and loss, this one the rasteriser.
 
-Numba holds one lock while it compiles, so threads wouldn't help; the second process's code reaches this one through the
-cache on disk. If the cache already has the code, no process is started.
+Numba holds one lock while it compiles, so threads wouldn't help. The code comes back through the cache on disk; if it
+is there already, no process is started.
 """
 
 from __future__ import annotations
@@ -31,14 +30,13 @@ def compile_kernels(
     camera: Camera,
     options: GaussianOptions,
     later: Collection[Geometry],
-    from_points: bool,
+    samples_aperture: bool,
     more: Sequence[str] = (),
 ) -> None:
-    """Compile the kernels of all training steps, unless an earlier process has done so; changes no argument.
+    """Compile the kernels of all training steps, so that no compilation falls into the measured time.
 
-    later: geometries other than "depth" that steps rasterise; without this they would be compiled in the middle of
-    training, within the time that is measured. from_points: whether steps rasterise from points of the lens. more: ops
-    that steps call beside those of every training.
+    later: geometries other than "depth" that steps rasterise. samples_aperture: whether steps rasterise from aperture
+    samples. more: further ops of the steps.
     """
     device = gaussians.parameters["means"].device.type
     affine = options.colours.colour_per_view == "affine"
@@ -58,7 +56,7 @@ def compile_kernels(
     for geometry in GEOMETRIES:
         if geometry != "depth" and geometry in later:
             _rasterise_once(gaussians, camera, options, geometry)
-    if from_points:
+    if samples_aperture:
         _rasterise_from_points(gaussians, camera, options)
 
 
@@ -85,7 +83,7 @@ def _compile_side_by_side(
     gaussians: Gaussians, camera: Camera, options: GaussianOptions, others: Sequence[str]
 ) -> None:
     command = [sys.executable, "-P", "-m", "dofbench.training.gaussians.warmup", *others]
-    # The garbage collector would take a tenth of the compile time and find nothing to free.
+    # The garbage collector would take a tenth of the compile time, for nothing.
     collecting = gc.isenabled()
     with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL

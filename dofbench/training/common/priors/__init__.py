@@ -1,8 +1,4 @@
-"""Depth priors of a scene, made from data that a method may see (DoF-Gaussian, section 4.2).
-
-`make_prior` gives the depth for Eq. 9: the sparse points, our stereo (`stereo.py`), a depth network as it is
-(`network.py`) or tuned to the scene (`tuning.py`), or a dense workspace of COLMAP's (`colmap.py`).
-"""
+"""Depth priors of a scene, made from a method's inputs (DoF-Gaussian, section 4.2)."""
 
 from __future__ import annotations
 
@@ -17,9 +13,9 @@ import torch
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud, TrainingSet
 from dofbench.core.errors import InputError
-from dofbench.training.common.content_options import CONTENT
-from dofbench.training.common.priors.prior_progress import Progress, silent
-from dofbench.training.common.supervision import DepthMap, DepthSamples, sparse_depth
+from dofbench.core.time_left import Progress, silent
+from dofbench.training.common.depth import DepthMap, DepthSamples, sparse_depth
+from dofbench.training.common.options import CONTENT
 
 
 @dataclass(frozen=True)
@@ -53,10 +49,10 @@ class PriorOptions:
 
 
 class Prior(Protocol):
-    """Known depth of every training view."""
+    """Known depth of every training view, such as `SparsePrior` and `DensePrior`."""
 
     def samples(self, index: int, camera: Camera) -> DepthSamples:
-        """The known depth of training view `index`, in the pixels of `camera`, which is the view's at any size."""
+        """The known depth of training view `index` in the pixels of `camera`, the view's at any size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +62,6 @@ class SparsePrior:
     points: PointCloud
 
     def samples(self, index: int, camera: Camera) -> DepthSamples:
-        """The depth of the points that the view sees."""
         return sparse_depth(self.points, camera, index)
 
 
@@ -77,7 +72,6 @@ class DensePrior:
     maps: Sequence[DepthMap]
 
     def samples(self, index: int, camera: Camera) -> DepthSamples:
-        """The known pixels of the view's map, resampled to the camera's size by nearest neighbour."""
         return self.maps[index].samples(camera)
 
 
@@ -90,11 +84,10 @@ def make_prior(
     device: str = "cpu",
     progress: Progress = silent,
 ) -> Prior:
-    """The prior that the options ask for. steps: those of the training, which tuning a network doesn't exceed. device:
-    where stereo matches the views; networks run on the CPU.
+    """Make the prior of the options. steps: of the training, the most that a network is tuned. device: of stereo;
+    networks run on the CPU. progress: called for every view and every step of tuning.
 
-    progress: called for every view and every step of tuning. Raises InputError for a file that is missing or wrong, and
-    FloatingPointError when tuning diverges.
+    Raises InputError for a file that is missing or wrong, and FloatingPointError when tuning diverges.
     """
     _check_files(options)
     points = training_set.points
@@ -102,37 +95,35 @@ def make_prior(
         if points is None:
             raise InputError("option depth_prior", "sparse for a training set without points", "stereo needs them too")
         return SparsePrior(points)
-    # Imported where they are used, because networks need heavy modules that stereo doesn't.
+
+    # Imported where they are used: some need heavy modules.
+    def semi_dense() -> list[DepthMap]:
+        if options.depth_prior_workspace:
+            from dofbench.training.common.priors.patch_match import workspace_depth
+
+            return workspace_depth(Path(options.depth_prior_workspace), training_set, progress=progress)
+        from dofbench.training.common.priors.stereo import stereo_depth
+
+        return stereo_depth(training_set, coarser=options.depth_prior_coarser, device=device, progress=progress)
+
     if options.depth_prior == "colmap":
-        from dofbench.training.common.priors.patch_match import workspace_depth
-
-        return DensePrior(workspace_depth(Path(options.depth_prior_workspace), training_set, progress=progress))
-    from dofbench.training.common.priors.stereo import stereo_depth
-
+        return DensePrior(semi_dense())
     if options.depth_prior == "stereo":
-        maps = stereo_depth(training_set, coarser=options.depth_prior_coarser, device=device, progress=progress)
+        maps = semi_dense()
         assert points is not None  # `stereo_depth` refuses a training set without points
-        # Sparse points replace stereo depth in their pixels: they were matched at corners in several views and are more
-        # exact.
+        # Sparse points replace stereo depth in their pixels: matched at corners in several views, they are more exact.
         return DensePrior(
             [
                 found.with_samples(sparse_depth(points, view.camera, index))
                 for index, (found, view) in enumerate(zip(maps, training_set.views, strict=True))
             ]
         )
-    from dofbench.training.common.priors.network_prior import open_network, predicted_depth
+    from dofbench.training.common.priors.network import open_network, predicted_depth, tune
 
     network = open_network(options.depth_prior_file, training_set)
     if options.depth_prior == "network":
         return DensePrior(predicted_depth(network, training_set, None, progress=progress))
-    from dofbench.training.common.priors.tuning import tune
-
-    if options.depth_prior_workspace:
-        from dofbench.training.common.priors.patch_match import workspace_depth
-
-        known = workspace_depth(Path(options.depth_prior_workspace), training_set, progress=progress)
-    else:
-        known = stereo_depth(training_set, coarser=options.depth_prior_coarser, device=device, progress=progress)
+    known = semi_dense()
     tune(
         network,
         training_set,
@@ -146,8 +137,7 @@ def make_prior(
 
 
 def with_surface_points(training_set: TrainingSet, prior: Prior, count: int, seed: int) -> PointCloud:
-    """The sparse points, and about `count` points on the prior's surfaces: equally many from each view, drawn by
-    weight, in the view's colours.
+    """The sparse points, and about `count` points on the prior's surfaces, as many from each view, drawn by weight.
 
     Raises InputError for the sparse prior, which has no other points.
     """
@@ -176,7 +166,7 @@ def with_surface_points(training_set: TrainingSet, prior: Prior, count: int, see
 
 
 def _check_files(options: PriorOptions) -> None:
-    """Raise InputError if a file that the prior needs isn't given, or one is given that the prior doesn't read."""
+    """Raise InputError if a file is missing, or given and not read."""
     prior = options.depth_prior
     if prior == "colmap" and not options.depth_prior_workspace:
         raise InputError("option depth_prior_workspace", "none", "COLMAP's dense folder, as depth_prior is colmap")

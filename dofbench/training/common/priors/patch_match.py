@@ -1,8 +1,7 @@
 """Depth from a dense workspace as stock COLMAP writes it: `image_undistorter`, `patch_match_stereo`, `stereo_fusion`.
 
-Uses the geometric depth maps of the undistorted images, at the pixels that fusion kept. Stock COLMAP doesn't record
-these pixels reliably, so each fused point is projected into every view, and keeps those pixels whose own depth agrees
-with the point's.
+Uses the geometric depth maps at the pixels that fusion kept. Stock COLMAP doesn't record these reliably, so each fused
+point is projected into every view, and keeps the pixels whose own depth agrees with the point's.
 """
 
 from __future__ import annotations
@@ -14,25 +13,24 @@ import numpy as np
 from dofbench.core.cameras import NO_OFFSET, Camera
 from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import InputError
+from dofbench.core.time_left import Progress, silent
 from dofbench.scenes.depth_files import read_depth
 from dofbench.scenes.local_frame import local_offset
 from dofbench.scenes.ply import read_ply
 from dofbench.scenes.readers.colmap import Model, read_model
 from dofbench.scenes.readers.colmap_files import model_suffix
-from dofbench.training.common.priors.prior_progress import Progress, silent
-from dofbench.training.common.supervision import DepthMap
+from dofbench.training.common.depth import DepthMap
 
 SAME_DEPTH = 0.02  # relative: a fused point is a mean over views, and within this of each map that it was fused from
 _ALIKE = 0.01  # relative difference of distances between cameras up to which two sets of poses agree up to a scale
 
 
 def workspace_depth(folder: Path, training_set: TrainingSet, *, progress: Progress = silent) -> list[DepthMap]:
-    """One map per training view, in the training set's scene units, 0 where fusion kept no point.
+    """One map per training view, scene units, 0 where fusion kept no point.
 
-    folder: with sparse/, stereo/depth_maps/ and fused.ply. Views are found by name, without suffix.
-    The workspace's images are undistorted with intrinsics of their own: a training pixel takes the
-    nearest workspace pixel along its ray, never a mean. Raises InputError for files that are missing or wrong, views
-    that the workspace lacks, and poses that differ from the training set's by more than a similarity.
+    folder: with sparse/, stereo/depth_maps/ and fused.ply. Views are found by name, without suffix. The workspace's
+    images have intrinsics of their own: a training pixel takes the nearest workspace pixel along its ray. Raises
+    InputError for files that are missing or wrong, missing views, and poses that differ by more than a similarity.
     """
     model = read_model(_model_folder(folder))
     places = _places(folder, model, training_set.views)
@@ -130,10 +128,10 @@ def _geometric(folder: Path, name: str, camera: Camera) -> np.ndarray:
 
 
 def _fused(points: np.ndarray, camera: Camera, depth: np.ndarray) -> np.ndarray:
-    """(H, W) bool: pixels whose depth agrees with a fused point that is projected into them or a pixel beside them.
+    """(H, W) bool: pixels whose depth agrees with a fused point that is projected into them or a neighbour.
 
-    The depth of a point that is hidden, or that this view didn't see, doesn't agree. Neighbouring pixels count too,
-    since a point that was fused from several views is projected between the pixels of each.
+    The depth of a hidden point doesn't agree. Neighbours count, since a point fused from several views is projected
+    between the pixels of each.
     """
     xy, z = camera.project(points)
     seen = camera.inside(xy)

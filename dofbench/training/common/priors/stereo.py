@@ -1,8 +1,8 @@
-"""Semi-dense depth of the training views by plane-sweep stereo on their own, shallow photographs.
+"""Semi-dense depth of the training views by plane-sweep stereo on their own defocused images.
 
-Each view is swept against its best neighbours (`kernels/stereo`): normalised cross-correlation at three scales of the
-image, since sharp and blurred photographs of one surface agree at coarse scales, then semiglobal matching over the
-planes. A depth is kept if its score, its margin over other planes and its agreement with other views are large enough.
+Each view is swept against its best neighbours (`kernels/stereo`): normalised cross-correlation at three image scales,
+since sharp and blurred images of one surface agree at coarse scales, then semiglobal matching over the planes. A depth
+is kept if its score, its margin over other planes and its agreement with other views are large enough.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.images import resize
 from dofbench.core.masks import shrunk_mask
+from dofbench.core.time_left import Progress, silent
 from dofbench.runtime.ops import load
-from dofbench.training.common.priors.prior_progress import Progress, silent
-from dofbench.training.common.supervision import DepthMap, sparse_depth
+from dofbench.training.common.depth import DepthMap, all_disparities
 
 SOURCES, BEST = 4, 2  # number of views that a view is matched with, and how many of the best scores are averaged
 RADIUS = 3  # pixels of the window around its centre, at every scale
@@ -49,9 +49,8 @@ _Level = tuple[torch.Tensor, Camera]  # a grey image (H, W), and its camera
 
 @dataclass(frozen=True, eq=False)
 class _Swept:
-    """The result of one view's sweep, (H, W) float32 each. depth: 0 where the score is too low. weight: the score; 0
-    where the margin over other planes is too small or an outline is near.
-    """
+    """One view's sweep, (H, W) float32 each. depth: 0 where the score is too low. weight: the score; 0 where the margin
+    over other planes is too small or an outline is near."""
 
     depth: np.ndarray
     weight: np.ndarray
@@ -62,12 +61,10 @@ def stereo_depth(
 ) -> list[DepthMap]:
     """One map per view: z, 0 where no depth was found or confirmed, and a weight of 0 ... 1.
 
-    Uses the photographs, the cameras, and the sparse points, which give the range of the planes. Masked pixels get no
-    depth, and confirm none. coarser: how many
-    times to repeat at half the previous size, to fill pixels without depth, since blurred photographs agree only at
-    coarse scales. Each time the weight is halved, as errors are twice as large. device: where the views are matched.
-    progress: called for every view that is swept or checked.
-    Raises InputError for a single view, and without points.
+    The sparse points give the range of the planes. Masked pixels get no depth, and confirm none. coarser: how many
+    times to repeat at half the previous size, to fill pixels without depth; each time the weight is halved, as errors
+    are twice as large. progress: called for every view swept or checked. Raises InputError for a single view, and
+    without points.
     """
     views = training_set.views
     if len(views) < 2:
@@ -111,7 +108,7 @@ def _matched(
 
 
 def _unmasked(found: _Swept, mask: np.ndarray | None) -> _Swept:
-    """The sweep without what stands under a mask, (H, W) at the photograph's size or None."""
+    """The sweep without masked pixels. mask: (H, W) at the view's full size, or None."""
     if mask is None:
         return found
     valid = shrunk_mask(mask, found.depth.shape[1], found.depth.shape[0])
@@ -119,7 +116,7 @@ def _unmasked(found: _Swept, mask: np.ndarray | None) -> _Swept:
 
 
 def _filled(found: DepthMap, coarse: DepthMap, share: float) -> DepthMap:
-    """The map, filled where it has no depth with the nearest pixels of a smaller map, their weight times `share`."""
+    """Fill the map where it has no depth by the nearest pixels of a smaller one, their weight times `share`."""
     at = np.ix_(
         *(
             ((np.arange(size) + 0.5) * small / size).astype(np.int64)
@@ -137,20 +134,14 @@ def disparity_bounds(training_set: TrainingSet) -> tuple[float, float]:
     """The disparities, 1 / scene unit, between which the planes lie."""
     if training_set.points is None:
         raise InputError("option depth_prior", "stereo without sparse points", "some, which say how far planes reach")
-    found = np.concatenate(
-        [
-            1 / sparse_depth(training_set.points, view.camera, index).depth.numpy()
-            for index, view in enumerate(training_set.views)
-        ]
-    )
+    found = all_disparities(training_set.points, [view.camera for view in training_set.views])
     low, high = (float(value) for value in np.quantile(found, (QUANTILE, 1 - QUANTILE)))
     beyond = MARGIN * (high - low)
     return max(low - beyond, 0.1 * low), high + beyond
 
 
 def choose_sources(training_set: TrainingSet, most: int = SOURCES) -> list[list[int]]:
-    """For each view up to `most` other views to match it with, best first: those with many common points at a suitable
-    angle."""
+    """For each view up to `most` others to match it with, best first: with many common points at a suitable angle."""
     points, views = training_set.points, training_set.views
     assert points is not None
     count = len(views)
@@ -179,7 +170,7 @@ def choose_sources(training_set: TrainingSet, most: int = SOURCES) -> list[list[
 
 
 def _fairness(rays: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(M,) 0 ... 1: how suitable the angles between the rays (M, 3) of two views are for matching; 1 within ANGLE."""
+    """(M,) 0 ... 1: how suitable the angles between rays (M, 3) of two views are for matching; 1 within ANGLE."""
     angle = np.degrees(np.arccos(np.clip((rays * others).sum(axis=1), -1, 1)))
     return np.minimum(angle / ANGLE[0], 1) ** 2 * np.minimum(ANGLE[1] / np.maximum(angle, 1e-9), 1) ** 2
 
@@ -268,8 +259,8 @@ def _sweep(pyramids: list[list[_Level]], index: int, chosen: list[int], low: flo
 
 
 def _outline(depth: np.ndarray, extent: float) -> np.ndarray:
-    """(H, W) bool: pixels with a much farther surface nearby. The matching window reaches over the outline there, so
-    the depth of such pixels is often wrong."""
+    """(H, W) bool: pixels with a much farther surface nearby, whose depth is often wrong, since the matching window
+    reaches over the outline."""
     from scipy.ndimage import minimum_filter
 
     disparity = 1 / np.where(depth > 0, depth, np.inf)

@@ -1,0 +1,105 @@
+"""Held-out pixels: tiles of the training views that no colour loss uses, kept for scoring settings against each other.
+
+A tile is so wide that most of its pixels are out of reach of the loss's window around the pixels used, and so small
+that other views, and the light that a lens spreads, still determine its content. Sparse points, depth priors and the
+first Gaussians' colours come from the whole images, so only trainings with the same of these can be compared.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dofbench.core.masks import touched
+from dofbench.core.similarity import ssim_map
+
+TILE = 16  # px, at full size
+_WINDOW_REACH = 5  # px, half width of SSIM's window
+
+
+@dataclass(frozen=True)
+class HeldOutScores:
+    """Scores on held-out pixels alone; means over the views. views: name -> (PSNR in dB, SSIM).
+
+    ssim: over the pixels whose window is in held-out tiles; NaN for a view without any, which the mean excludes.
+    """
+
+    psnr: float
+    ssim: float
+    views: Mapping[str, tuple[float, float]]
+
+
+def held_out_tiles(height: int, width: int, share: float, seed: int, view: int) -> np.ndarray:
+    """(height, width) bool: the held-out pixels of view number `view`: a random `share` of its tiles, at least one and
+    never all. They depend on seed and view alone."""
+    rows, columns = -(-height // TILE), -(-width // TILE)
+    count = rows * columns
+    drawn = min(max(1, round(share * count)), count - 1)
+    tiles = np.zeros(count, dtype=bool)
+    tiles[np.random.default_rng([seed, view]).permutation(count)[:drawn]] = True
+    return np.kron(tiles.reshape(rows, columns), np.ones((TILE, TILE), dtype=bool))[:height, :width]
+
+
+def held_out_mask(height: int, width: int, shown: tuple[int, int], share: float, seed: int, view: int) -> Tensor | None:
+    """`held_out_tiles` of a view (height, width), at the size (height, width) `shown`; None for a share of 0."""
+    if share <= 0:
+        return None
+    tiles = held_out_tiles(height, width, share, seed, view)
+    return torch.from_numpy(np.ascontiguousarray(touched(tiles, shown[1], shown[0])))
+
+
+def held_out_scores(
+    images: Mapping[str, np.ndarray],
+    render: Callable[[int], np.ndarray],
+    share: float,
+    seed: int,
+    masks: Sequence[np.ndarray | None] | None = None,
+) -> HeldOutScores:
+    """Score renderings of the training views on held-out pixels.
+
+    images: name -> (H, W, 3) encoded, in the training set's order. render: the rendering of a view by its number,
+    (H, W, 3) encoded. share, seed: as trained with. masks: (H, W) bool of each view or None, False for pixels that
+    aren't scored. A view without a valid held-out pixel has the scores NaN, and doesn't count. Raises ValueError for a
+    share of 0.
+    """
+    if share <= 0:
+        raise ValueError(f"held-out scores: expected a share above 0, found {share}")
+    views = {}
+    for number, (name, image) in enumerate(images.items()):
+        height, width = image.shape[:2]
+        tiles = held_out_tiles(height, width, share, seed, number)
+        if masks is not None and (valid := masks[number]) is not None:
+            tiles &= valid
+        views[name] = tile_scores(np.clip(render(number), 0, 1), image, tiles)
+    psnr, ssim = np.array(list(views.values())).T
+    if np.isnan(psnr).any() and not np.isnan(psnr).all():
+        return HeldOutScores(float(np.nanmean(psnr)), _mean(ssim), views)
+    return HeldOutScores(float(psnr.mean()), _mean(ssim), views)
+
+
+def _mean(ssim: np.ndarray) -> float:
+    return float(np.nanmean(ssim)) if np.isfinite(ssim).any() else math.nan
+
+
+def tile_scores(prediction: np.ndarray, image: np.ndarray, mask: np.ndarray) -> tuple[float, float]:
+    """(PSNR in dB, SSIM) over the pixels of `mask`, (H, W) bool; images (H, W, 3), encoded, [0, 1].
+
+    An error below a tenth of an 8-bit level counts as a tenth of a level, so that no view has an infinite PSNR.
+    """
+    from scipy.ndimage import binary_erosion
+
+    if not mask.any():
+        return math.nan, math.nan
+    error = float(np.mean(np.square(prediction.astype(float) - image)[mask]))
+    psnr = -10 * math.log10(max(error, (0.1 / 255) ** 2))
+    side = 2 * _WINDOW_REACH + 1
+    whole = binary_erosion(mask, np.ones((side, side)))  # outside the image counts as not held out
+    if not whole.any():
+        return psnr, math.nan
+    inner = whole[_WINDOW_REACH:-_WINDOW_REACH, _WINDOW_REACH:-_WINDOW_REACH]
+    return psnr, float(ssim_map(prediction, image)[inner].mean())

@@ -1,1 +1,0 @@
-"""How the photographs that a radiance field is trained on come about from its rays. One model per file."""
