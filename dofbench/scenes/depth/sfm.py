@@ -67,7 +67,7 @@ class SfmDepth:
 
 
 def spread_around(sightings: Sightings, values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """(H, W): root mean square of the sightings' values (M,) within a Gaussian of 5 % of the width; far away, of all."""
+    """(H, W): root mean square of the sightings' values (M,) in a Gaussian of 5 % of the width; far away, of all."""
     height, width = size
     columns = min(width, 256)
     rows = max(1, round(height * columns / width))
