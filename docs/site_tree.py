@@ -35,7 +35,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 
 def _pages(folder: str) -> list[dict[str, str]]:
-    pages = sorted((page for page in (_ROOT / folder).rglob("*.md") if page.parent.name != "templates"), key=_place)
+    pages = sorted((_ROOT / folder).rglob("*.md"), key=_place)
     return [{_title(page): page.relative_to(_ROOT).as_posix()} for page in pages]
 
 
