@@ -211,22 +211,22 @@ def test_a_miniature_is_the_same_scene_with_few_pixels(photographed):
 
 
 def test_warming_up_takes_one_step_and_no_tuning_to_speak_of(photographed, monkeypatch):
-    from dofbench.training.common import priors
+    from dofbench.training.common.priors import network
 
     steps = []
-    monkeypatch.setattr(priors, "tune", lambda *arguments, **given: steps.append(given["steps"]))
+    monkeypatch.setattr(network, "tune", lambda *arguments, **given: steps.append(given["steps"]))
     trainer = Trainer(miniature(photographed.training_set), _options(depth_prior="tuned"), 0)
     assert trainer.fit(Budget(steps=1), OneStep()).status is Status.OK
     assert steps == [1]
 
 
 def test_a_tuning_that_diverges_is_a_typed_failure(photographed, monkeypatch):
-    from dofbench.training.common import priors
+    from dofbench.training.common.priors import network
 
     def fail(*arguments, **given):
         raise FloatingPointError("views v: loss is nan at tuning step 3")
 
-    monkeypatch.setattr(priors, "tune", fail)
+    monkeypatch.setattr(network, "tune", fail)
     outcome = Trainer(photographed.training_set, _options(depth_prior="tuned"), 0).fit(Budget(), _Forever())
     assert outcome.status is Status.DIVERGED and outcome.nonfinite[0].stage == "depth prior"
     assert "tuning step 3" in outcome.message
