@@ -127,7 +127,7 @@ def test_without_a_truth_it_is_left_out_with_the_reason(call, tmp_path: Path) ->
     write_dataset(tmp_path / "data", exact=False)
     end = call(method="pinhole")
     good, said = scored(end.folder, "depth_rel,ms_ssim,aif_ms_ssim")
-    assert good and "no depth_rel: the dataset's own depth is an estimate" in said
+    assert good and "no depth_rel: the dataset's depth is an estimate" in said
     assert read_added(end.folder).left_out == {
         "depth_rel": "the dataset's depth is an estimate",
         "ms_ssim": "the method has no lens to refocus with",

@@ -130,7 +130,7 @@ def test_score_image() -> None:
 
 
 def test_unknown_metrics_are_refused() -> None:
-    with pytest.raises(InputError, match="'lpips', expected one of psnr, ssim"):
+    with pytest.raises(InputError, match="'lpips', expected one of delta_a, delta_e"):
         metric("lpips")
     with pytest.raises(InputError, match="needs lenses or depth"):
         score_image(picture(), picture(), ["delta_a"])
