@@ -14,6 +14,7 @@ from .core.errors import InputError as InputError
 from .core.errors import Status as Status
 from .core.images import read_image as read_image
 from .core.images import write_png as write_png
+from .core.jobs import Outcome as Outcome
 from .core.lens import ApertureShape as ApertureShape
 from .core.lens import DisparityRange as DisparityRange
 from .core.lens import Lens as Lens
@@ -28,14 +29,13 @@ from .evaluation.metrics import Metric as Metric
 from .evaluation.metrics import score_image as score_image
 from .evaluation.results.result import Result as Result
 from .evaluation.results.result import read_result as read_result
-from .evaluation.results.run_spec import Run as Run
+from .evaluation.results.run_spec import RunSpec as RunSpec
 from .methods.external.external_method import External as External
 from .optics.defocus import defocus_numpy as defocus_numpy
 from .reporting import report as report
 from .reporting.report_options import Report as Report
 from .running.load_run import LoadedRun as LoadedRun
 from .running.load_run import load_run as load_run
-from .running.one_run import RunEnd as RunEnd
 from .running.one_run import run as run
 from .scenes.loading import load_scene as load_scene
 from .scenes.procedural import make_scene as make_scene

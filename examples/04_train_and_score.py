@@ -11,7 +11,7 @@ import dofbench
 def main(data: Path = Path("data/example"), out: Path = Path("results"), steps: int = 200) -> None:
     """data: a dataset. out: the folder of results. steps: number of training steps."""
     budget = dofbench.Budget(steps=steps)  # or seconds, or both
-    asked = dofbench.Run(method="dofgaussian", data=data, budget=budget, out=out)
+    asked = dofbench.RunSpec(method="dofgaussian", data=data, budget=budget, out=out)
     end = dofbench.run(asked)  # a finished result of the same request is reused
 
     result = dofbench.read_result(end.folder)

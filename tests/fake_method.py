@@ -12,9 +12,10 @@ from rich.console import Console
 from small_dataset import write_dataset
 
 from dofbench.core.budget import parse_budget
+from dofbench.core.jobs import Outcome
 from dofbench.evaluation.metrics import METRICS
-from dofbench.evaluation.results.run_spec import Run
-from dofbench.running.one_run import RunEnd, run
+from dofbench.evaluation.results.run_spec import RunSpec
+from dofbench.running.one_run import run
 
 METHOD_TOML = """\
 name = "{name}"
@@ -92,11 +93,15 @@ DEFAULTS = {"steps": 8, "noise": 0.1, "lens": True, "trouble": "", "at": 3, "sce
 
 
 class Fake:
-    def __init__(self, options, seed, device):
+    @classmethod
+    def read_options(cls, options):
         unknown = sorted(set(options) - set(DEFAULTS))
         if unknown:
             raise InputError(f"option {unknown[0]}", "an unknown name", f"one of {', '.join(sorted(DEFAULTS))}")
-        self.options = {**DEFAULTS, **options}
+        return {**DEFAULTS, **options}
+
+    def __init__(self, options, seed, device):
+        self.options = self.read_options(options)
         self.seed, self.step, self.widths = seed, 0, {}
 
     def fit(self, training_set, budget, observer):
@@ -110,7 +115,7 @@ class Fake:
         decisions = ()
         if self.options["trouble"] == "no lens":  # training finds that there is none
             self.options["lens"] = False
-            decisions = (Decision("lens", False, "tried while training: nothing gained"),)
+            decisions = (Decision("lens", False, "held-out PSNR +0.00 dB with the lens"),)
         return FitOutcome(Status.OK, step, stages={"guess": 0.01}, left_out={"normals": "a fake has none"},
                           decisions=decisions)
 
@@ -204,7 +209,7 @@ def write_method(
     return root
 
 
-def fake_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., RunEnd]:
+def fake_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outcome]:
     """A function that runs the fake method (or, with method="pinhole", one without a lens) on the small
     dataset in `folder`/data, into `folder`/results; keywords replace those of `Run`,
     a budget as text."""
@@ -216,10 +221,10 @@ def fake_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run
     monkeypatch.setitem(METRICS, "flip", quick)
     data = write_dataset(folder / "data")
 
-    def call(console: Console | None = None, **changes) -> RunEnd:
+    def call(console: Console | None = None, **changes) -> Outcome:
         if "budget" in changes:
             changes["budget"] = parse_budget(changes["budget"])
-        settings = Run(**{"method": "fake", "data": data, "out": folder / "results", **changes})
+        settings = RunSpec(**{"method": "fake", "data": data, "out": folder / "results", **changes})
         return run(settings, console or Console(quiet=True))
 
     return call

@@ -139,7 +139,7 @@ def test_photographs_are_trained_on_scored_checked_and_reported(
     assert app.main([*run, "--dry-run"]) == 0
     plan = capsys.readouterr().out
     assert "scores aif_psnr, aif_ssim, aif_flip" in plan and "no psnr, ssim" in plan and ": no test lens" in plan
-    assert "stage lens: runs: the photographs show circles of confusion" in plan
+    assert "lens: on (estimated CoC radius up to" in plan
     assert app.main(run) == 0
     (folder,) = (path.parent for path in results.rglob("result.json"))
     result = read_result(folder)
@@ -162,12 +162,12 @@ def test_photographs_that_are_sharp_after_all_are_trained_on_without_a_lens(
         app.main(["make-dataset", "tabletop", "--width", str(WIDTH), "--photographs", "shallow", "--out", str(data)])
         == 0
     )
-    assert app.main(training(data, 5, tmp_path / "results")) == 0
+    assert app.main([*training(data, 5, tmp_path / "results"), "--verbose"]) == 0
     plan = capsys.readouterr().out
-    assert "stage lens: left out: the photographs show" in plan and "lens=False" in plan
+    assert "lens: off (estimated CoC radius" in plan and "lens=False" in plan
     # Beside what the photographs themselves say, the scene's own depth is known.
     assert "scores photo_psnr, photo_ssim, disparity_error, depth_rel" in plan and "photographs-v1" in plan
-    assert "no photo_blur_psnr: test views are predicted by one Gaussian blur instead of a lens: the lens was" in plan
+    assert "no photo_blur_psnr: test views are predicted by one Gaussian blur instead of a lens: lens dis" in plan
     (file,) = (tmp_path / "results").rglob("result.json")
     result = read_result(file)
     assert 0 < result.scores["disparity_error"] < 1

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from dofbench.core.errors import InputError
-from dofbench.core.jobs import FREED, Busy, Job, Resources, ThisProcess
+from dofbench.core.jobs import FREED, Busy, Job, Resources
 from dofbench.runtime.processes import LocalProcesses, machine_memory_mb
 
 
@@ -262,16 +262,3 @@ def test_memory_is_the_container_s_where_it_has_less(tmp_path):
     assert machine_memory_mb(tmp_path) == whole
     (tmp_path / "memory.max").write_text("50000000\n")
     assert machine_memory_mb(tmp_path) == 50.0
-
-
-def test_in_this_process_an_error_is_the_caller_s():
-    log = Log()
-
-    def wrong(report):
-        report("begun")
-        raise InputError("a.json", "no number", "one")
-
-    with pytest.raises(InputError, match="no number"):
-        ThisProcess().run([Job("wrong", wrong)], log)
-    assert log.events == [("started", "wrong"), ("reported", "wrong", "begun")]
-    assert [one.message for one in ThisProcess().run([Job("well", lambda report: "done")], log)] == ["done"]

@@ -45,7 +45,7 @@ from dofbench.core.lens import PhysicalLens
 from dofbench.datasets.format.schema import MANIFEST
 from dofbench.evaluation.results.provenance import code_version, git_state, package_versions
 from dofbench.evaluation.results.result import read_result
-from dofbench.evaluation.results.run_spec import Run
+from dofbench.evaluation.results.run_spec import RunSpec
 from dofbench.methods.cards import find_method
 from dofbench.running.load_run import load_run
 from dofbench.running.one_run import run
@@ -232,7 +232,7 @@ def training(settings: Settings, data: Path, steps: int) -> dict[str, Any]:
     if not (data / MANIFEST).is_file():
         return {"left_out": f"{data} is no dataset"}
     budget = Budget(steps=steps)
-    wanted = Run(
+    wanted = RunSpec(
         method="dofgaussian",
         preset=settings.preset,
         data=data,

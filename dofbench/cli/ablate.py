@@ -20,7 +20,7 @@ from dofbench.reporting.ablation import (
 )
 from dofbench.reporting.render import markdown
 from dofbench.running.ablation_options import Ablate
-from dofbench.running.ablation_plan import Plan, make_plan
+from dofbench.running.ablation_plan import AblationPlan, plan_tables
 from dofbench.running.ablation_tables import read_tables, tables_of
 from dofbench.running.batch import Batch, processes_for
 from dofbench.running.ended_runs import Ended
@@ -35,7 +35,7 @@ def make_tables(settings: Ablate, console: Console | None = None, executor: Exec
     InputError when the call is wrong, before anything runs.
     """
     console = console or Console()
-    plan = make_plan(settings, read_tables(settings.tables or tables_of(settings.method)))
+    plan = plan_tables(settings, read_tables(settings.tables or tables_of(settings.method)))
     batch = Batch(plan.runs, settings.results, executor or processes_for(plan.runs, settings.jobs))
     cells = sum(len(one.runs) for one in plan.tables)
     tables = f"{len(plan.tables)} table{'s' * (len(plan.tables) != 1)} with {cells} cells"
@@ -61,7 +61,7 @@ def make_tables(settings: Ablate, console: Console | None = None, executor: Exec
     return not failures
 
 
-def _write(settings: Ablate, plan: Plan, ended: Ended) -> list[Path]:
+def _write(settings: Ablate, plan: AblationPlan, ended: Ended) -> list[Path]:
     files = []
     for table_plan in plan.tables:
         filled = fill(table_plan, ended)

@@ -17,8 +17,8 @@ from dofbench.core.errors import InputError
 from dofbench.core.progress import say
 from dofbench.datasets.format.schema import MANIFEST
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
-from dofbench.evaluation.results.run_spec import Run
-from dofbench.running.prepare import choose
+from dofbench.evaluation.results.run_spec import RunSpec
+from dofbench.running.plan import choose
 from dofbench.running.time_estimate import seconds_by_card
 from dofbench.scenes import load_scene
 from dofbench.scenes.loading import detect
@@ -86,7 +86,7 @@ def find_own(source: Path, out: Path) -> Own:
     return Own(source, place, found.kind, found.views, found.size, found.count)
 
 
-def check_runs(runs: Sequence[Run]) -> None:
+def check_runs(runs: Sequence[RunSpec]) -> None:
     """Raise InputError for a method, preset or option that isn't possible, before minutes are spent on camera poses."""
     for run in runs:
         if run.inputs != "shallow":
@@ -95,8 +95,7 @@ def check_runs(runs: Sequence[Run]) -> None:
                 f"{run.inputs} with --photographs",
                 "the photographs as they are; where all are sharp, --set lens=false leaves out the lens",
             )
-        choices = choose(_on_data(run))
-        choices.entry.create({**choices.options, **choices.overrides}, run.seed, choices.device)
+        choose(_on_data(run)).check_options()
 
 
 def dataset_of_photographs(own: Own, width: int | None, console: Console) -> Path | None:
@@ -119,7 +118,7 @@ def dataset_of_photographs(own: Own, width: int | None, console: Console) -> Pat
     return data
 
 
-def outlook(own: Own, runs: Sequence[Run], width: int | None) -> list[str]:
+def outlook(own: Own, runs: Sequence[RunSpec], width: int | None) -> list[str]:
     """Lines that tell what will be done with the photographs, and about how long each part takes."""
     lines, total = [], 0.0
     what = f"{_WHAT[own.kind]} of {'at most ' if own.kind == 'video' else ''}{own.views} photographs"
@@ -169,7 +168,7 @@ def _motion_seconds(own: Own) -> float:
     return own.views * (_PHOTOGRAPH + megapixels * _MEGAPIXEL) + pairs * _PAIR + own.items * raw * _FRAME_MEGAPIXEL
 
 
-def _on_data(run: Run) -> Run:
+def _on_data(run: RunSpec) -> RunSpec:
     """The run with a dataset given, as for a user's own data, so that the method's default preset is chosen."""
     return replace(run, data=run.out)
 

@@ -1,17 +1,21 @@
-"""`dofbench run`: make the built-in dataset, if no dataset is given and it doesn't exist yet, then run."""
+"""`dofbench run`: make the dataset where there is none yet, then train and score."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 from rich.console import Console
 
-from dofbench.cli.run_photographs import run_photographs
+from dofbench.cli.from_photographs import check_runs, dataset_of_photographs, find_own, outlook
 from dofbench.core.jobs import Executor
 from dofbench.core.progress import say
+from dofbench.datasets.format.dataset import Dataset
 from dofbench.datasets.format.schema import MANIFEST
 from dofbench.datasets.synthesis import builtin_folder, make_dataset
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.running.matrix import run_all
-from dofbench.running.prepare import choose
+from dofbench.running.plan import choose
 from dofbench.running.run_options import Runs
 
 
@@ -22,13 +26,37 @@ def run_methods(settings: Runs, console: Console | None = None, executor: Execut
     """
     console = console or Console()
     if settings.photographs is not None:
-        return run_photographs(settings, settings.photographs, console, executor)
+        return _run_photographs(settings, settings.photographs, console, executor)
     if settings.data is None and not (builtin_folder() / MANIFEST).is_file():
         for cell in settings.cells():
-            choose(cell)  # a wrong call ends here, not after the dataset was made
+            choose(cell).check_options()  # a wrong call ends here, not after the dataset was made
         if settings.dry_run:
             say(console, f"would first make the built-in dataset in {builtin_folder()}; the plan depends on it")
             return True
         say(console, f"making the built-in dataset in {builtin_folder()}")
         make_dataset(MakeDataset(out=builtin_folder()))
     return run_all(settings, builtin_folder(), console, executor)
+
+
+def _run_photographs(settings: Runs, source: Path, console: Console, executor: Executor | None) -> bool:
+    """Reconstruct the photographs in `source`, make a dataset of them, train on it and write a report.
+
+    False when one of these stages failed. Raises InputError when the call is wrong, before anything runs.
+    """
+    from dofbench.reporting import report
+    from dofbench.reporting.report_options import Report
+
+    cells = settings.cells()
+    check_runs(cells)
+    own = find_own(source, settings.out)
+    for line in outlook(own, cells, settings.width):
+        say(console, line)
+    if settings.dry_run:
+        return True
+    data = dataset_of_photographs(own, settings.width, console)
+    if data is None:
+        return False
+    done = run_all(replace(settings, photographs=None, width=None, data=str(data)), data, console, executor)
+    # OUT may hold results of other datasets too; the page is about these photographs alone.
+    page = report(Report(results=settings.out / Dataset.load(data).name, out=own.place / "report"))
+    return done and bool(page)

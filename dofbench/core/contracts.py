@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -263,3 +263,12 @@ class ListsOptions(Protocol):
     @classmethod
     def available_options(cls) -> Sequence[MethodOption]:
         """Every option that a user may set, those of a group one after the other."""
+
+
+@runtime_checkable
+class ReadsOptions(Protocol):
+    """An optional part of a method's class: options are checked before any training, without building the method."""
+
+    @classmethod
+    def read_options(cls, options: Mapping[str, Any]) -> Any:
+        """All options with their defaults, a dataclass. Raises InputError for an unknown name or a wrong value."""

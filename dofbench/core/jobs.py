@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
+
+from dofbench.core.errors import Status
 
 Report = Callable[[Any], None]
 
@@ -54,15 +57,26 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a job ended. problem: empty if it did its work; else one line, or a traceback if it is a bug."""
+    """How a job ended; true when nothing failed.
+
+    name: the job's. message: one line about its end. problem: empty if it did its work; else one line, or a traceback
+    if it is a bug. Of a run also: folder, where its result is; status, None for a dry run; reused, whether a finished
+    result of the same key was there already.
+    """
 
     name: str
     message: str = ""
     problem: str = ""
+    folder: Path = Path()
+    status: Status | None = None
+    reused: bool = False
+
+    def __bool__(self) -> bool:
+        return not self.problem and self.status in (None, Status.OK)
 
 
-class Watcher(Protocol):
-    """Notified of the progress of jobs."""
+class Watcher:
+    """Notified of the progress of jobs; this base does nothing."""
 
     def started(self, name: str) -> None:
         """The job has started."""
@@ -89,23 +103,3 @@ class Executor(Protocol):
 
         A job that fails doesn't stop the others. When the call is interrupted, all jobs are stopped.
         """
-
-
-class ThisProcess:
-    """Carries out jobs one after another in the calling process. An error in a job, or Ctrl-C, is raised to the caller;
-    meant for a single job."""
-
-    at_a_time = 1
-
-    def run(self, jobs: Sequence[Job], watcher: Watcher) -> list[Outcome]:
-        """See `Executor.run`."""
-        outcomes = []
-        for job in jobs:
-            watcher.started(job.name)
-
-            def report(content: Any, name: str = job.name) -> None:
-                watcher.reported(name, content)
-
-            outcomes.append(Outcome(job.name, job.work(report)))
-            watcher.ended(outcomes[-1])
-        return outcomes

@@ -6,24 +6,12 @@ import itertools
 import math
 import statistics
 from collections import deque
-from typing import Protocol
 
 ESTIMATING = "estimating the time left"
 _HANDFUL = 5  # units that are timed before anything is said; a quarter of all units where that is fewer
 _RECENT = 30.0  # seconds that the rate is of, or the last handful of units where these took longer
 _KEPT = 300  # units at most: a step may take a millisecond
 _PAUSE = 10.0  # what takes so many times as long as usual is a kernel compiled, or a machine put to sleep
-
-
-class Progress(Protocol):
-    """Told how far a piece of work is."""
-
-    def __call__(self, stage: str, done: int, total: int, /) -> None:
-        """`done` units of the stage's `total` are finished; 0 says that it begins."""
-
-
-def silent(stage: str, done: int, total: int) -> None:
-    """A `Progress` that says nothing."""
 
 
 class Remaining:
@@ -59,8 +47,3 @@ class Remaining:
         usual = [(pace, units) for pace, units in paces if pace <= slowest or slowest == 0]
         pace = math.fsum(pace * units for pace, units in usual) / math.fsum(units for _, units in usual)
         return pace * max(0.0, self._total - told[-1][0])
-
-    def text(self) -> str:
-        """For a line of progress: "12 s left", or that it isn't known yet."""
-        seconds = self.seconds()
-        return ESTIMATING if seconds is None else f"{seconds:.0f} s left"

@@ -1,4 +1,4 @@
-"""What a call of `dofbench ablate` says."""
+"""The options of `dofbench ablate`."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from dofbench.evaluation.results.run_spec import CallOptions, SeveralOptions, co
 
 @options(kw_only=True)
 class Ablate(SeveralOptions, CallOptions):
-    """Run declared tables of switches over datasets and seeds, and write them beside the paper's figures. What a row
-    sets itself wins over --set and --preset."""
+    """Run ablation tables over datasets and seeds, and write them next to the paper's figures. A row's own options win
+    over --set and --preset."""
 
     data: str
     """Dataset folders, comma-separated. A table of held-out lenses takes those made with --assign held-out, one of a
@@ -33,7 +33,7 @@ class Ablate(SeveralOptions, CallOptions):
     preset: str | None = None
     """Preset of every row that names none itself. Default: the method's."""
     results: Path = Path("results")
-    """Folder of results, as `dofbench run` writes them; what is finished there isn't run again."""
+    """Folder of results, as `dofbench run` writes them; cached results are used."""
     out: Path = Path("reports/ablation")
     """Folder for the tables."""
 
@@ -53,4 +53,4 @@ class Ablate(SeveralOptions, CallOptions):
 
     def command(self) -> str:
         """The command line that says the same, with what is not the default; paths as they were given."""
-        return command_line("ablate", self, without=("dry_run",))
+        return command_line("ablate", self, without=("dry_run", "verbose"))

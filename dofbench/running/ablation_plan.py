@@ -13,12 +13,11 @@ from dofbench.core.evidence import Photographer, Role
 from dofbench.core.files import canonical_json, sha256_text
 from dofbench.datasets.format.dealing import Dealt
 from dofbench.evaluation.results.columns import lens_words
-from dofbench.evaluation.results.run_spec import Run, parse_overrides
+from dofbench.evaluation.results.run_spec import RunSpec, parse_overrides
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_tables import TUNING, Declaration, Row, Table, chosen_tables
-from dofbench.running.plan import dealt_lenses
-from dofbench.running.planned_runs import PlannedRun, different_datasets
-from dofbench.running.prepare import plan_run
+from dofbench.running.data_plan import dealt_lenses
+from dofbench.running.plan import Plan, different_datasets, make_plan
 
 
 @dataclass(frozen=True)
@@ -41,26 +40,26 @@ class TablePlan:
 
     table: Table
     sources: tuple[Source, ...]
-    runs: dict[tuple[str, str, int], PlannedRun]
+    runs: dict[tuple[str, str, int], Plan]
 
 
 @dataclass(frozen=True)
-class Plan:
+class AblationPlan:
     """tables: what will be written. runs: every run once, all of seed 0 first. skipped: tables without a dataset."""
 
     tables: tuple[TablePlan, ...]
-    runs: tuple[PlannedRun, ...]
+    runs: tuple[Plan, ...]
     skipped: tuple[str, ...]
 
 
-def make_plan(settings: Ablate, declaration: Declaration) -> Plan:
+def plan_tables(settings: Ablate, declaration: Declaration) -> AblationPlan:
     """Decide every run of the call.
 
     Raises InputError for a table, an option, a preset or a dataset that doesn't fit, before anything runs.
     """
     sources = _sources(settings.folders)
     shared = parse_overrides(settings.set)
-    runs: dict[str, PlannedRun] = {}
+    runs: dict[str, Plan] = {}
     plans: list[TablePlan] = []
     skipped: list[str] = []
     for table in chosen_tables(declaration, settings.ids):
@@ -69,15 +68,15 @@ def make_plan(settings: Ablate, declaration: Declaration) -> Plan:
         if table.id == TUNING and report:
             if table.id in settings.ids:
                 raise InputError(f"table {TUNING}", f"{report[0]}, a report scene", "development scenes to tune on")
-            skipped.append(f"table {TUNING} is left out: {report[0]} is a report scene, on which nothing is tuned")
+            skipped.append(f"skipping table {TUNING}: {report[0]} is a test scene, on which nothing is tuned")
             continue
         if not own:
             wanted = f"made with --assign {' or '.join(one for one in table.assign if one != 'unknown')}"
             if table.id in settings.ids:
                 raise InputError(f"table {table.id}", "no dataset for it in --data", f"one that was {wanted}")
-            skipped.append(f"table {table.id} is left out: it wants a dataset {wanted}")
+            skipped.append(f"skipping table {table.id}: needs a dataset {wanted}")
             continue
-        cells: dict[tuple[str, str, int], PlannedRun] = {}
+        cells: dict[tuple[str, str, int], Plan] = {}
         for row in table.rows:
             for source in own:
                 first = _run(settings, declaration, table, row, source, shared)
@@ -86,7 +85,7 @@ def make_plan(settings: Ablate, declaration: Declaration) -> Plan:
                     cells[row.label, source.label, seed] = runs.setdefault(_what_runs(run), run)
         plans.append(TablePlan(table, own, cells))
     ordered = sorted(runs.values(), key=lambda run: run.spec.seed)  # stable: tables and rows keep their order
-    return Plan(tuple(plans), tuple(ordered), tuple(skipped))
+    return AblationPlan(tuple(plans), tuple(ordered), tuple(skipped))
 
 
 def _run(
@@ -96,9 +95,9 @@ def _run(
     row: Row,
     source: Source,
     shared: dict[str, Any],
-) -> PlannedRun:
+) -> Plan:
     """The run of seed 0."""
-    run = Run(
+    run = RunSpec(
         method=row.method or declaration.method,
         data=source.folder,
         preset=row.preset or settings.preset,
@@ -110,12 +109,12 @@ def _run(
         force_all=row.force_all,
     )
     try:
-        return plan_run(run, source.folder)
+        return make_plan(run, source.folder)
     except InputError as error:
         raise InputError(f"table {table.id}, row {row.label}: {error.subject}", error.found, error.expected) from None
 
 
-def _what_runs(run: PlannedRun) -> str:
+def _what_runs(run: Plan) -> str:
     """Equal for two runs that do the same, even if one says an option that the other has anyway."""
     rest = run.spec.model_dump(mode="json", exclude={"overrides", "preset", "options"})
     return sha256_text(canonical_json({**rest, "options": run.options}))

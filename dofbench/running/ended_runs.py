@@ -1,4 +1,4 @@
-"""What planned runs came to so far, by what lies in their folders."""
+"""The outcomes of planned runs, read from their folders."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from dofbench.core.errors import InputError
 from dofbench.evaluation.results.collecting import Entry, dead_entry, entry_of
 from dofbench.evaluation.results.result import RESULT_FILE, read_result
-from dofbench.running.planned_runs import PlannedRun
+from dofbench.running.plan import Plan
 from dofbench.runtime.leases import at_work
 
 
@@ -17,27 +17,27 @@ class Ended:
     def __init__(self) -> None:
         self._entries: dict[str, Entry] = {}
 
-    def find(self, run: PlannedRun) -> Entry | None:
+    def find(self, run: Plan) -> Entry | None:
         """How the run ended; None when it hasn't been made, or is at work."""
         key = run.spec.key
         if key not in self._entries and (entry := _read(run.folder, key)) is not None:
             self._entries[key] = entry
         return self._entries.get(key)
 
-    def forget(self, run: PlannedRun) -> None:
+    def forget(self, run: Plan) -> None:
         """Read it anew next time."""
         self._entries.pop(run.spec.key, None)
 
-    def finished(self, run: PlannedRun) -> bool:
+    def finished(self, run: Plan) -> bool:
         """Whether making the run again would only repeat it."""
         entry = self.find(run)
         return entry is not None and entry.result is not None and entry.result.finished
 
-    def words(self, run: PlannedRun) -> str:
+    def words(self, run: Plan) -> str:
         """One or a few words: finished, and if so how; at work; or to be run, and why again."""
         entry = self.find(run)
         if entry is not None and self.finished(run):
-            return "finished" if entry.status == "ok" else f"finished, {entry.status}"
+            return "cached" if entry.status == "ok" else f"cached, {entry.status}"
         if at_work(run.folder):
             return "at work in another process"
         return "to be run" if entry is None else f"to be run again, {entry.status}"

@@ -1,4 +1,4 @@
-"""The part of a run that trains, scores and writes."""
+"""Carrying out a plan: train, score, and write the result."""
 
 from __future__ import annotations
 
@@ -6,22 +6,26 @@ import os
 import shutil
 import sys
 import traceback
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 from rich.console import Console
+from rich.table import Table
 
 from dofbench.core.budget import Budget
-from dofbench.core.clock import StageTimes, timestamp
+from dofbench.core.clock import StageTimes, loading, timestamp
 from dofbench.core.contracts import Decision, FitOutcome, Method, TrainingSet
 from dofbench.core.errors import Ended, InputError, Status, interruption, out_of_memory
+from dofbench.core.evidence import ROLE_SAYS
 from dofbench.core.files import read_json, refuse_links_outside, sha256_file, write_json
-from dofbench.core.progress import say
+from dofbench.core.images import resize
+from dofbench.core.jobs import Outcome
+from dofbench.core.progress import Progress, say
+from dofbench.datasets.format.dataset import Dataset
 from dofbench.evaluation.metrics import METRICS
 from dofbench.evaluation.results import provenance
 from dofbench.evaluation.results.added_scores import ADDED_FILE
+from dofbench.evaluation.results.protocol import PROTOCOLS
 from dofbench.evaluation.results.result import (
     MODEL_FOLDER,
     PREDICTIONS_FOLDER,
@@ -32,23 +36,80 @@ from dofbench.evaluation.results.result import (
     Git,
     Result,
     StageTime,
+    read_result,
     write_result,
 )
-from dofbench.evaluation.results.run_lease import record_out_of_memory
+from dofbench.evaluation.results.run_lease import record_out_of_memory, run_lease
 from dofbench.evaluation.scoring.evaluate import Evaluation, Evaluator
-from dofbench.running.observer import OneStep, Report, TrainingObserver
-from dofbench.running.plan import decided, revised
-from dofbench.running.prepare import Prepared
-from dofbench.running.run_progress import print_result, still_alive
-from dofbench.running.warm_up import miniature
+from dofbench.methods.cards import MethodEntry, find_method
+from dofbench.running.data_plan import decided, revised
+from dofbench.running.observer import OneStep, TrainingObserver
+from dofbench.running.plan import Plan
 from dofbench.runtime.device_host import feeding
+from dofbench.runtime.freed_memory import keep_freed_memory
 from dofbench.runtime.leases import Lease
 from dofbench.runtime.supervised import on_death, supervised
 
-ProgressBar = Callable[[Console, Budget], AbstractContextManager[Report]]
-
 IMPORT, WARM_UP, TRAIN = "import", "warm up", "train"
 TRAINED_FILE = "trained.json"
+_WIDEST = 96  # pixels of the warm-up's images: enough to run every kernel, too few to spend time on
+
+
+def execute(plan: Plan, console: Console, progress: Progress, *, wait: bool = False) -> Outcome:
+    """Train, score and write the result, or return the cached one.
+
+    A run that fails still writes its result, with a typed status. wait: for another process that has the same run at
+    work. Raises InputError when code or data changed since the plan was made, and KeyboardInterrupt when it was
+    interrupted (after writing a result that says so).
+    """
+    already_compiled = kernels_compiled()
+    with loading.running():
+        entry, dataset = find_method(plan.spec.method), Dataset.load(plan.data)
+        plan.check_unchanged(entry, dataset)
+    keep_freed_memory()
+    with run_lease(plan.folder, plan.spec, plan.scene, timestamp(), wait=wait) as lease:
+        if not plan.settings.rerun and (earlier := cached(plan)) is not None:
+            # Of a process that died after its result was written.
+            (plan.folder / TRAINED_FILE).unlink(missing_ok=True)
+            show_cached(console, plan, earlier)
+            return Outcome(plan.name, folder=plan.folder, status=earlier.status, reused=True)
+        with loading.running():
+            method = entry.create(dict(plan.spec.options), plan.spec.seed, plan.spec.device)
+        stages = StageTimes()
+        stages[IMPORT].move(loading)  # the method's own modules, and all that this process imported before
+        run = Execution(plan, entry, dataset, method, lease, console, progress, stages, already_compiled)
+        return Outcome(plan.name, folder=plan.folder, status=run.go())
+
+
+def cached(plan: Plan) -> Result | None:
+    """The finished result of the same run; None without one, or where running again could end otherwise."""
+    if not (plan.folder / RESULT_FILE).is_file():
+        return None
+    earlier = read_result(plan.folder)
+    return earlier if earlier.key == plan.spec.key and earlier.finished else None
+
+
+def show_cached(console: Console, plan: Plan, result: Result) -> None:
+    """Show a result that an earlier call has finished."""
+    say(console, f"using the cached result (--rerun trains again): {plan.folder}")
+    show_result(console, plan, result)
+
+
+def show_result(console: Console, plan: Plan, result: Result) -> None:
+    """Show the decisions that training made, and the scores with the reason for each one that is missing."""
+    for line in decided(plan.by_data.stages, result.plan):
+        say(console, line)
+    table = Table("score", "value", title=f"{result.spec.method} on {result.spec.dataset}, {result.spec.protocol}")
+    for column, value in result.scores.items():
+        table.add_row(column, f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}")
+    console.print(table)
+    if result.role is not None:
+        say(console, ROLE_SAYS[result.role])
+    reasons: dict[str, list[str]] = {}
+    for column, reason in result.left_out.items():
+        reasons.setdefault(reason, []).append(column)
+    for reason, columns in reasons.items():
+        say(console, f"no {', '.join(columns)}: {reason}")
 
 
 @dataclass(eq=False)
@@ -63,24 +124,25 @@ class _Trained:
 
 
 class Execution:
-    """Everything that was decided goes in, a result comes out."""
+    """One run at work: holds what it has measured so far, for the result that it writes in any case."""
 
     def __init__(
         self,
-        run: Prepared,
+        plan: Plan,
+        entry: MethodEntry,
+        dataset: Dataset,
+        method: Method,
         lease: Lease,
         console: Console,
-        progress: ProgressBar,
+        progress: Progress,
         stages: StageTimes,
         already_compiled: int,
     ):
-        planned = run.planned
-        self.settings, self.data, self.plan, self.spec = planned.settings, planned.data, planned.plan, planned.spec
-        self.folder, self.budget, self.choices = planned.folder, planned.budget, planned.choices
-        self.entry, self.dataset, self.protocol = run.entry, run.dataset, run.protocol
+        self.plan, self.spec, self.folder, self.budget = plan, plan.spec, plan.folder, plan.budget
+        self.entry, self.dataset, self.protocol = entry, dataset, PROTOCOLS[plan.spec.protocol]
         self.lease, self.console, self.progress = lease, console, progress
         self.stages, self.already_compiled = stages, already_compiled
-        self._use(run.method)
+        self._use(method)
         self.observer: TrainingObserver | None = None
         self.do_nothing: dict[str, float] = {}
         self.description: dict[str, float] = {}
@@ -92,7 +154,7 @@ class Execution:
         Raises InputError when another process has taken the run over meanwhile: the result is that one's to write.
         """
         refuse_links_outside(self.folder)
-        if self.settings.rerun:
+        if self.plan.settings.rerun:
             (self.folder / TRAINED_FILE).unlink(missing_ok=True)
         trained: _Trained | None = None
         found = Evaluation()
@@ -124,9 +186,9 @@ class Execution:
         (self.folder / TRAINED_FILE).unlink(missing_ok=True)
         if status is not Status.OK:
             say(self.console, f"{self.spec.method} on {self.spec.dataset}: {status}: {message}")
-        for line in decided(self.plan.stages, result.plan):
-            say(self.console, line)
-        print_result(self.console, result)
+        if trace:
+            say(self.console, f"traceback in {self.folder / RESULT_FILE}")
+        show_result(self.console, self.plan, result)
         say(self.console, f"result {self.folder / RESULT_FILE}")
         return status
 
@@ -136,7 +198,7 @@ class Execution:
 
     def _train(self) -> _Trained:
         with self.stages["load data"].running():
-            training_set = self.dataset.training_set(self.settings.inputs)
+            training_set = self.dataset.training_set(self.plan.settings.inputs)
         # An earlier result's files go before they are written anew: if this run dies, none is left half.
         for name in (RESULT_FILE, ADDED_FILE):
             (self.folder / name).unlink(missing_ok=True)
@@ -146,11 +208,13 @@ class Execution:
             self._warm_up(training_set)
         provenance.reset_peak_memory()
         clock, evaluating = self.stages[TRAIN], self.stages["evaluate during training"]
-        with self.progress(self.console, self.budget) as progress:
-            observer = TrainingObserver(self.budget, clock, evaluating, self.evaluator.quick, progress)
-            self.observer = observer
+        observer = TrainingObserver(self.budget, clock, evaluating, self.evaluator.quick, self.progress)
+        self.observer = observer
+        try:
             with clock.running(), feeding(self.spec.device):
                 outcome = self.method.fit(training_set, self.budget, observer)
+        finally:
+            self.progress.close()
         # The end alone is seen of a training elsewhere, so its first step says nothing about the budget.
         failure = None if self.entry.card.elsewhere else observer.failure()
         if failure is not None and outcome.status is Status.OK:
@@ -185,21 +249,16 @@ class Execution:
         return trained
 
     def _warm_up(self, training_set: TrainingSet) -> None:
-        say(self.console, "warming up: the first call compiles kernels, which isn't counted")
-        with (
-            self.progress(self.console, self.budget) as progress,
-            still_alive(progress, "warming up"),
-            self.stages[WARM_UP].running(),
-        ):
+        with self.progress.uncounted("JIT compilation and warm-up"), self.stages[WARM_UP].running():
             # Kernels compile at their first call, for a minute or for none, as their cache has it. A first
             # step that isn't counted keeps that out of the training time, and of a budget in seconds.
             self.method.fit(miniature(training_set), Budget(steps=1), OneStep())
-        self._use(self.entry.create(dict(self.plan.options), self.spec.seed, self.spec.device))
+        self._use(self.entry.create(dict(self.spec.options), self.spec.seed, self.spec.device))
 
     def _use(self, method: Method) -> None:
         self.method = method
         self.evaluator = Evaluator(
-            method, self.dataset, self.protocol, columns=self.plan.columns, left_out=self.plan.left_out
+            method, self.dataset, self.protocol, columns=self.plan.by_data.columns, left_out=self.plan.by_data.left_out
         )
 
     def _resumed(self) -> _Trained | None:
@@ -210,7 +269,7 @@ class Execution:
         data = read_json(file)
         if data["key"] != self.spec.key:  # another key with the same first eight digits
             return None
-        say(self.console, "training is done already, going on with the scores")
+        say(self.console, "using the finished training; scores are still to be computed")
         with self.stages["load model"].running():
             self.method.load(self.folder / MODEL_FOLDER)
         self.started = data["started"]
@@ -225,9 +284,12 @@ class Execution:
 
     def _score(self) -> Evaluation:
         self.lease.check()
-        with self.progress(self.console, self.budget) as progress, self.stages["score"].running():
-            progress.trained()
-            found = self.evaluator.final(self.folder, progress.stage)
+        self.progress.accelerator_free()
+        try:
+            with self.stages["score"].running():
+                found = self.evaluator.final(self.folder, self.progress.update)
+        finally:
+            self.progress.close()
         self._measure_speed(found)
         self.description = {name: float(value) for name, value in self.method.describe().items()}
         if "gaussians" in self.description:
@@ -271,15 +333,15 @@ class Execution:
         observer, outcome = self.observer, trained.outcome if trained else None
         stages = {**(trained.stages if trained else {}), **self.stages.as_data()}
         training = stages.get(TRAIN, {"wall": 0.0, "cpu": 0.0})
-        plan = revised(self.plan.as_data(), outcome.decisions if outcome else ())
-        scores, left_out = dict(found.scores), {**self.plan.left_out, **found.left_out}
+        plan = revised(self.plan.by_data.as_data(), outcome.decisions if outcome else ())
+        scores, left_out = dict(found.scores), {**self.plan.by_data.left_out, **found.left_out}
         for decision in outcome.decisions if outcome else ():
             if decision.stage == self.entry.card.stage_decided_by("lens") and not decision.runs:
                 columns = (*self.protocol.refocus_columns, *self.protocol.lens)
                 left_out |= {
-                    column: f"the lens was left out: {decision.reason}"
+                    column: f"lens disabled: {decision.reason}"
                     for column in columns
-                    if column in self.plan.columns and column not in scores
+                    if column in self.plan.by_data.columns and column not in scores
                 }
         scores |= {
             "train_s": training["wall"],
@@ -299,13 +361,13 @@ class Execution:
             message=message,
             traceback=trace,
             scene=self.dataset.scene,
-            data=str(self.data),
-            data_from_here=os.path.relpath(self.data.resolve(), self.folder.resolve()),
+            data=str(self.plan.data),
+            data_from_here=os.path.relpath(self.plan.data.resolve(), self.folder.resolve()),
             role=self.dataset.role,
             role_by=self.dataset.role_by,
             photographer=self.dataset.photographer,
-            choices=self.choices,
-            command=self.settings.command(),
+            choices=self.plan.choices,
+            command=self.plan.settings.command(),
             started=self.started,
             ended=timestamp(),
             scores=scores,
@@ -334,6 +396,21 @@ class Execution:
         )
 
 
+def miniature(training_set: TrainingSet) -> TrainingSet:
+    """The training set with images of at most 96 pixels a side, and cameras to match, for the warm-up.
+
+    Kernels compile for types, not for sizes, so they compile as training needs them, while work on the images before
+    the first step (a depth prior) costs next to nothing.
+    """
+    views = []
+    for view in training_set.views:
+        share = min(1.0, _WIDEST / max(view.camera.width, view.camera.height))
+        width, height = (max(1, round(side * share)) for side in (view.camera.width, view.camera.height))
+        image = resize(view.image, width, height)
+        views.append(replace(view, camera=view.camera.resized(width, height), image=image, mask=None))
+    return replace(training_set, views=tuple(views))
+
+
 def kernels_compiled() -> int:
     """Kernels that this process has compiled so far; none where their machine code lay on disk."""
     cache = sys.modules.get("dofbench.runtime.kernel_cache")
@@ -341,7 +418,8 @@ def kernels_compiled() -> int:
 
 
 def classify(error: BaseException) -> tuple[Status, str]:
-    """The typed status of an exception out of a method, and one line about it."""
+    """The typed status of an exception out of a method, and one line about it; a crash with the file and line of the
+    failing code."""
     if isinstance(error, Ended):
         return error.status, " ".join(str(error).split())
     text = " ".join(f"{type(error).__name__}: {error}".split())
@@ -349,4 +427,11 @@ def classify(error: BaseException) -> tuple[Status, str]:
         return Status.OUT_OF_MEMORY, text
     if isinstance(error, FloatingPointError):
         return Status.DIVERGED, text
-    return Status.CRASHED, text
+    return Status.CRASHED, f"{text}{_place(error)}"
+
+
+def _place(error: BaseException) -> str:
+    """Where the error was raised: the innermost line of code that isn't an installed library's."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if "site-packages" not in frame.filename] or frames
+    return f" ({own[-1].filename}:{own[-1].lineno})" if own else ""

@@ -2,70 +2,72 @@
 
 from __future__ import annotations
 
+import statistics
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
+from rich.table import Table
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
-from dofbench.core.jobs import Executor, ThisProcess
-from dofbench.core.progress import say
-from dofbench.evaluation.results.run_spec import Run
+from dofbench.core.jobs import Executor
+from dofbench.core.progress import Terminal, say
+from dofbench.evaluation.results.run_spec import RunSpec
 from dofbench.running.batch import Batch, processes_for
-from dofbench.running.one_run import show_finished
-from dofbench.running.planned_runs import PlannedRun, different_datasets
-from dofbench.running.prepare import plan_run
+from dofbench.running.execution import cached, execute, show_cached
+from dofbench.running.plan import Plan, different_datasets, make_plan
 from dofbench.running.run_options import Runs
+
+# The scores of a matrix's table, as far as any run has them.
+_SHOWN = ("psnr", "aif_psnr", "photo_psnr", "delta_r", "train_s")
 
 
 def run_all(settings: Runs, builtin: Path, console: Console | None = None, executor: Executor | None = None) -> bool:
     """Make the run that the settings name, or every run of their matrix that isn't finished.
 
     A run of a matrix is the run that its own command would make, in the same folder. builtin: the dataset's folder
-    where the settings name none. executor: who makes the runs of a matrix; processes of this machine unless one is
-    given. False when one failed. Raises InputError when the call is wrong, before anything runs.
+    where the settings name none. executor: makes the runs of a matrix; processes of this machine by default. False when
+    one failed. Raises InputError when the call is wrong, before anything runs.
     """
     console = console or Console()
     runs = plan_matrix(settings.cells(), builtin)
-    alone = len(runs) == 1
-    who: Executor = ThisProcess() if alone else executor or processes_for(runs, settings.jobs)
-    batch = Batch(runs, settings.out, who, rerun=settings.rerun, console=console if alone else None)
-    for line in _plan_lines(settings, batch):
+    batch = Batch(runs, settings.out, executor or processes_for(runs, settings.jobs), rerun=settings.rerun)
+    for line in _all_lines(settings, batch) if settings.dry_run or settings.verbose else _summary(batch):
         say(console, line)
     if settings.dry_run:
         return True
+    if len(runs) == 1:
+        (plan,) = runs
+        if not settings.rerun and (earlier := cached(plan)) is not None:
+            show_cached(console, plan, earlier)
+            return not batch.failures()
+        return bool(execute(plan, console, Terminal(console)))
     batch.make()
     failures = batch.failures()
-    if alone:
-        found = batch.ended.find(runs[0])
-        if not batch.open and found is not None and found.result is not None:
-            show_finished(console, runs[0], found.result)
-        return not failures
+    _print_table(console, batch)
     for line in failures:
         say(console, line)
-    folders = dict.fromkeys(run.folder.parent for run in runs)
-    say(
-        console,
-        f"{len(runs) - len(failures)} of {len(runs)} runs are done and ok; "
-        f"results {', '.join(map(str, folders))}; tables: dofbench report {settings.out}",
-    )
+    folders = ", ".join(dict.fromkeys(str(run.folder.parent) for run in runs))
+    ok = f"{len(runs) - len(failures)} of {len(runs)} runs ok"
+    say(console, f"{ok} in {folders}; report: dofbench report {settings.out}")
     return not failures
 
 
-def plan_matrix(cells: tuple[Run, ...], builtin: Path) -> tuple[PlannedRun, ...]:
-    """Decide every run. builtin: as in `run_all`.
+def plan_matrix(cells: tuple[RunSpec, ...], builtin: Path) -> tuple[Plan, ...]:
+    """Plan every run. builtin: as in `run_all`.
 
     Raises InputError, which names the run, for what doesn't fit together.
     """
     different_datasets([folder for folder in dict.fromkeys(cell.data for cell in cells) if folder is not None])
-    first: dict[tuple[str, Path | None, str | None, Budget | None], PlannedRun] = {}
+    first: dict[tuple[str, Path | None, str | None, Budget | None], Plan] = {}
     runs = []
     for cell in cells:
         kind = cell.method, cell.data, cell.preset, cell.budget
         if kind not in first:
             try:
-                first[kind] = plan_run(cell, cell.data or builtin)
+                first[kind] = make_plan(cell, cell.data or builtin)
             except InputError as error:
                 where = f"{cell.method} on {cell.data or 'the built-in dataset'}: {error.subject}"
                 raise InputError(where, error.found, error.expected) from None
@@ -76,20 +78,66 @@ def plan_matrix(cells: tuple[Run, ...], builtin: Path) -> tuple[PlannedRun, ...]
     return tuple(runs)
 
 
-def _plan_lines(settings: Runs, batch: Batch) -> list[str]:
-    """What would be done and left out, kind by kind, and every run with what is known of it."""
+def _summary(batch: Batch) -> list[str]:
+    """The plan in at most five lines: methods, datasets, budget, estimate, output."""
+    plans = batch.runs
+    if len(plans) == 1:
+        *lines, output = plans[0].summary()
+        return [*lines, *(f"time     {line}" for line in batch.outlook()), output]
+
+    def listed(words: Sequence[object]) -> str:
+        return ", ".join(dict.fromkeys(map(str, words)))
+
+    methods = [f"{plan.spec.method} ({plan.spec.preset})" for plan in plans]
+    return [
+        f"methods  {listed(methods)}, seeds {listed([plan.spec.seed for plan in plans])}, on {plans[0].spec.device}",
+        f"datasets {listed([plan.spec.dataset for plan in plans])}",
+        f"budget   {listed([plan.budget for plan in plans])}",
+        f"time     {'; '.join(batch.outlook())}",
+        f"output   {listed([plan.folder.parent for plan in plans])}",
+    ]
+
+
+def _all_lines(settings: Runs, batch: Batch) -> list[str]:
+    """All decisions, once for each kind of run, and every run with its state and estimate."""
     lines = []
-    for planned in batch.runs:
-        if planned.settings.seed == settings.seed:
+    for plan in batch.runs:
+        if plan.settings.seed == settings.seed:
             seeds = range(settings.seed, settings.seed + settings.seeds)
-            head, *rest = planned.lines()
+            head, *rest = plan.lines()
             more = f"; seeds {', '.join(map(str, seeds))}" if settings.seeds > 1 else ""
             lines += [head + more, *(f"  {line}" for line in rest)]
-    for planned in batch.runs:
-        words = batch.ended.words(planned)
-        if planned.name in batch.takes:
-            seconds = batch.takes[planned.name].seconds
-            words = "to be run again" if words.startswith("finished") else words
+    for plan in batch.runs:
+        words = batch.ended.words(plan)
+        if plan.name in batch.takes:
+            seconds = batch.takes[plan.name].seconds
+            words = "to be run again" if words.startswith("cached") else words
             words += ", time unknown" if seconds is None else f", about {seconds:.0f} s"
-        lines.append(f"{words}: {planned.settings.command()}")
+        lines.append(f"{words}: {plan.settings.command()}")
     return [*lines, *batch.outlook()]
+
+
+def _print_table(console: Console, batch: Batch) -> None:
+    """Print the scores of a matrix: a row for each dataset, method, preset and budget, means over seeds."""
+    rows: dict[tuple[str, ...], list[dict[str, float]]] = {}
+    for plan in batch.runs:
+        entry, spec = batch.ended.find(plan), plan.spec
+        scores = entry.scores if entry is not None and entry.status == "ok" else {}
+        rows.setdefault((spec.dataset, spec.method, spec.preset, spec.budget), []).append(scores)
+    columns = [column for column in _SHOWN if any(column in one for found in rows.values() for one in found)]
+    varying = [place for place in range(4) if place == 1 or len({names[place] for names in rows}) > 1]
+    table = Table(*(("dataset", "method", "preset", "budget")[place] for place in varying), "runs ok")
+    for column in columns:
+        table.add_column(column, justify="right")
+    for names, found in rows.items():
+        ok = [one for one in found if one]
+        values = [_mean([one[column] for one in ok if column in one]) for column in columns]
+        table.add_row(*(names[place] for place in varying), f"{len(ok)} of {len(found)}", *values)
+    console.print(table)
+
+
+def _mean(values: Sequence[float]) -> str:
+    if not values:
+        return ""
+    spread = f" ± {statistics.stdev(values):.2g}" if len(values) > 1 else ""
+    return f"{statistics.fmean(values):.4g}{spread}"

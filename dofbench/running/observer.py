@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Protocol
 
 from dofbench.core.budget import Budget
 from dofbench.core.clock import Stopwatch
 from dofbench.core.contracts import NonFinite
 from dofbench.core.errors import Status
+from dofbench.core.progress import Progress
 from dofbench.evaluation.results.result import CurvePoint
 
 CURVE_FACTOR = 1.6  # ratio of two neighbouring evaluation times
@@ -18,22 +18,6 @@ FREE_SECONDS = 10.0  # that evaluation may take during any training
 SHARE_OF_TRAINING = 0.5  # that it may take of a longer one
 
 Evaluate = Callable[[], dict[str, float]]
-
-
-class Report(Protocol):
-    """Who shows a training to the user."""
-
-    def __call__(self, step: int, loss: float, seconds: float) -> None:
-        """Told after each step; seconds of training so far, without evaluation."""
-
-    def stage(self, name: str, done: int, total: int) -> None:
-        """Told of what takes long before the first step or between two, as `Observer.stage` is."""
-
-    def waiting(self, name: str, seconds: float) -> None:
-        """Told now and then that something goes on of which nothing can be counted; seconds since it began."""
-
-    def trained(self) -> None:
-        """Told that training is over, and scoring begins."""
 
 
 def share_spent(budget: Budget, step: int, seconds: float) -> float:
@@ -57,13 +41,12 @@ class TrainingObserver:
     fields that are seen through a lens ray by ray, the earlier ones are left out. A non-finite loss ends the training
     as diverged.
 
-    evaluate: scores of the method as it is now, by column. report: told of each step,
-    and of what comes before the first.
+    evaluate: scores of the method as it is now, by column.
     """
 
-    def __init__(self, budget: Budget, clock: Stopwatch, evaluating: Stopwatch, evaluate: Evaluate, report: Report):
+    def __init__(self, budget: Budget, clock: Stopwatch, evaluating: Stopwatch, evaluate: Evaluate, progress: Progress):
         self._budget, self._clock, self._evaluating = budget, clock, evaluating
-        self._evaluate, self._report = evaluate, report
+        self._evaluate, self._progress = evaluate, progress
         self._thresholds = [CURVE_FACTOR**-k for k in range(CURVE_POINTS, 0, -1)]
         self._losses: list[float] = []
         self._stopped = False
@@ -99,13 +82,22 @@ class TrainingObserver:
         if due and not self._stopped and self._affordable(seconds / spent):  # at the end `finish` evaluates
             self._add_point(step)
         with self._clock.paused():
-            self._report(step, loss, seconds)
+            self._show(step, loss, seconds)
         return not self._stopped
 
     def stage(self, name: str, done: int, total: int) -> None:
         """See `Observer.stage`."""
         with self._clock.paused():
-            self._report.stage(name, done, total)
+            self._progress.update(name, done, total)
+
+    def _show(self, step: int, loss: float, seconds: float) -> None:
+        budget, detail = self._budget, f"loss {loss:.4f}"
+        left = None if budget.seconds is None else max(0.0, budget.seconds - seconds)
+        if budget.seconds is None or (budget.steps and step / budget.steps > seconds / budget.seconds):
+            self._progress.update("training", step, budget.steps or 0, detail, left)
+        else:
+            spent = min(seconds, budget.seconds)
+            self._progress.update("training (s)", spent, budget.seconds, f"step {step}, {detail}", left)
 
     def finish(self, steps: int) -> None:
         """Evaluate once more, at the end of a training that went well."""

@@ -1,299 +1,181 @@
-"""What a run will do and what it leaves out, with the reason: plain data, decided before anything runs."""
+"""The plan of a run: plain data, decided before anything runs. No method is built for it."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, is_dataclass, replace
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from dofbench.core.contracts import Decision
+from dofbench.core.budget import Budget
+from dofbench.core.clock import loading
+from dofbench.core.contracts import ReadsOptions
 from dofbench.core.errors import InputError
-from dofbench.datasets.format.benchmark_dataset import BenchmarkDataset
-from dofbench.datasets.format.points_record import PointsRecord, points_in_words
-from dofbench.evaluation.results.protocol import (
-    BY_BLUR,
-    EXIF_COLUMNS,
-    EXIF_FOCUS_COLUMNS,
-    LENS_COLUMNS,
-    OF_LENSES,
-    Protocol,
-)
-from dofbench.evaluation.scoring.exif_scores import asked_by_exif, missing_exif, missing_exif_focus
-from dofbench.evaluation.scoring.ground_truth import NO_TEST_VIEWS, MissingTruth, missing_truth
-from dofbench.evaluation.scoring.resolved import RESOLVED_COLUMN
-from dofbench.methods.cards import Card, MethodEntry
-from dofbench.methods.stages.facts import Facts
-from dofbench.methods.stages.stage_deciders import DECIDERS, Asked
-
-TRIED = "whether that helps is tried while training"
+from dofbench.core.lens import framed_alike
+from dofbench.datasets.format.dataset import Dataset
+from dofbench.datasets.format.inputs import Inputs
+from dofbench.evaluation.results import provenance
+from dofbench.evaluation.results.protocol import protocol_for
+from dofbench.evaluation.results.result import Spec
+from dofbench.evaluation.results.run_spec import RunSpec, parse_overrides
+from dofbench.evaluation.scoring.ground_truth import photograph_columns
+from dofbench.methods.cards import MethodEntry, find_method, preset_budget
+from dofbench.methods.frozen_presets import choices_digest
+from dofbench.methods.stages.facts import Facts, facts_of
+from dofbench.running.data_plan import DataPlan, plan_for_data
+from dofbench.training.common.options import content_digests
 
 
 @dataclass(frozen=True)
-class Stage:
-    """A part of the method that the data may or may not need. runs: what was decided."""
+class Choices:
+    """The part of a plan that depends on the command line alone."""
 
-    name: str
-    runs: bool
-    reason: str
+    entry: MethodEntry
+    preset: str
+    options: dict[str, Any]
+    overrides: dict[str, Any]
+    budget: Budget
+    device: str
 
-    def line(self) -> str:
-        """What was decided and why, for the user."""
-        return f"stage {self.name}: {'runs' if self.runs else 'left out'}: {self.reason}"
+    def check_options(self) -> None:
+        """Raise InputError for an option that the method doesn't have, or a wrong value."""
+        _read_options(self.entry, {**self.options, **self.overrides})
 
 
 @dataclass(frozen=True)
-class RunPlan:
-    """What the dataset makes of a run that the call alone doesn't say.
+class Plan:
+    """A run that is to be made.
 
-    options: what the method is created with. facts: what the training photographs show, as `Facts`. lenses: as
-    `dealt_lenses`. points: where the dataset's points and poses come from; None where it doesn't say. columns: scores
-    that will be measured. left_out: scores that will not, with the reason. masked: share of the pixels that are neither
-    trained on nor scored, by split; empty for a dataset without masks.
+    settings: the options of `dofbench run` for this run alone. data: the dataset's folder. spec: all that decides the
+    result. by_data: what the dataset decides. folder: of the result. options: all options of the method with their
+    defaults, where it can list them; else those of the spec. view_pixels: mean of the training views. choices: digest
+    of preset and command line (`dofbench.methods.frozen_presets`).
     """
 
+    settings: RunSpec
+    data: Path
+    spec: Spec
+    budget: Budget
+    by_data: DataPlan
+    folder: Path
     options: dict[str, Any]
-    train_views: int
-    test_views: int
-    facts: Facts
-    lenses: dict[str, Any]
-    points: PointsRecord | None
-    stages: tuple[Stage, ...]
-    columns: tuple[str, ...]
-    left_out: dict[str, str]
-    masked: dict[str, float] = field(default_factory=dict)
+    view_pixels: float
+    choices: str
+    scene: str
 
-    def as_data(self) -> dict[str, Any]:
-        """Plain data, for the result, whose spec has the options."""
-        points = None if self.points is None else self.points.model_dump(mode="json")
-        skipped = {"options", *(() if self.masked else ("masked",))}
-        return {**{key: value for key, value in asdict(self).items() if key not in skipped}, "points": points}
+    @property
+    def name(self) -> str:
+        """Dataset, method, preset, seed and key, for a line of progress."""
+        return str(self.spec.folder)
 
     def lines(self) -> list[str]:
-        """The plan as text, one line a fact."""
-        lines = [
-            f"{self.train_views} training views, {self.test_views} test views, {self.facts.points} sparse points",
-            points_in_words(self.points),
-            "options " + (", ".join(f"{key}={value}" for key, value in self.options.items()) or "the method's own"),
+        """All decisions, one line each."""
+        spec, (views, *rest) = self.spec, self.by_data.lines()
+        what = f"{spec.method} ({spec.preset}, seed {spec.seed}, {spec.device}) on {spec.dataset}, {spec.protocol}"
+        return [what, f"budget {self.budget}; {views}", *rest]
+
+    def summary(self) -> list[str]:
+        """The plan in at most five lines, without an estimate of the time."""
+        spec, by_data = self.spec, self.by_data
+        return [
+            f"method   {spec.method}, preset {spec.preset}, seed {spec.seed}, on {spec.device}",
+            f"dataset  {spec.dataset}: {by_data.train_views} training views, {by_data.test_views} test views",
+            f"budget   {self.budget}",
+            f"output   {self.folder}",
         ]
-        if self.masked:
-            shares = ", ".join(f"{share:.1%} of the {split} views' pixels" for split, share in self.masked.items())
-            lines.append(f"masked, neither trained on nor scored: {shares}")
-        lines += [stage.line() for stage in self.stages]
-        lines.append("scores " + (", ".join(self.columns) or "none"))
-        reasons: dict[str, list[str]] = {}
-        for column, reason in self.left_out.items():
-            reasons.setdefault(reason, []).append(column)
-        lines += [f"no {', '.join(columns)}: {reason}" for reason, columns in reasons.items()]
-        return lines
+
+    def with_seed(self, seed: int) -> Plan:
+        """The same run with another seed; nothing else depends on it."""
+        spec = self.spec.model_copy(update={"seed": seed})
+        return replace(
+            self, settings=replace(self.settings, seed=seed), spec=spec, folder=self.settings.out / spec.folder
+        )
+
+    def check_unchanged(self, entry: MethodEntry, dataset: Dataset) -> None:
+        """Raise InputError where code or data changed since the plan was made."""
+        code = provenance.code_version(entry.folder, self.spec.device)
+        if (code, dataset.checksum) != (self.spec.code, self.spec.dataset_checksum):
+            found = "code or data that changed since the run was planned"
+            raise InputError(self.folder, found, "the same; rerun the command")
 
 
-def masked_shares(dataset: BenchmarkDataset) -> dict[str, float]:
-    """Share of the pixels that are masked, by split; empty for a dataset without masks."""
-    if not any(view.has_mask for view in dataset.views):
-        return {}
-    shares = {}
-    for split in ("train", "test"):
-        views = [view for view in dataset.views if view.split == split]
-        masked = [0 if (mask := dataset.mask(view)) is None else int(np.count_nonzero(~mask)) for view in views]
-        shares[split] = sum(masked) / max(1, sum(view.camera.width * view.camera.height for view in views))
-    return shares
+def choose(run: RunSpec) -> Choices:
+    """Method, preset, budget and device of a run. Raises InputError when the call is wrong."""
+    entry = find_method(run.method)
+    device = entry.device_for(run.device)
+    preset, options, budget = entry.preset(run.preset, builtin=run.data is None, device=device)
+    overrides = parse_overrides(run.set)
+    budget = run.budget or preset_budget(entry, preset, {**options, **overrides}, budget)
+    return Choices(entry, preset, options, overrides, budget, device)
 
 
-def dealt_lenses(dataset: BenchmarkDataset) -> dict[str, Any]:
-    """How the dataset deals its lenses ("assign"), and per split ("train", "test") view -> [A, F], or None where nobody
-    knows the lens; as plain data."""
-    dealt = {
-        split: {
-            view.name: None if view.lens is None else [view.lens.aperture, view.lens.focus]
-            for view in dataset.views
-            if view.split == split
-        }
-        for split in ("train", "test")
-    }
-    return {"assign": dataset.assign, **dealt}
+def make_plan(run: RunSpec, data: Path) -> Plan:
+    """Plan a run on the dataset in `data`. The time counts as `loading`: the method's modules are imported.
 
-
-def make_plan(
-    entry: MethodEntry,
-    options: dict[str, Any],
-    overrides: dict[str, Any],
-    dataset: BenchmarkDataset,
-    facts: Facts,
-    protocol: Protocol,
-    *,
-    force_all: bool,
-) -> RunPlan:
-    """Decide from the dataset, from what its photographs show and from the method's card.
-
-    options: the preset's; overrides: the user's, which win over what the plan sets. force_all: every
-    stage runs, needed or not. Raises InputError when the dataset lacks what the method can't do without.
+    Raises InputError when the call is wrong, the folder is no dataset, or the method doesn't know an option.
     """
-    train = dataset.training_views()
-    test = dataset.test_views()
-    if not train:
-        raise InputError(f"dataset {dataset.name}", "no training view", "at least one")
-    if entry.card.capabilities.needs_points and not facts.points:
-        raise InputError(f"dataset {dataset.name}", "no sparse points", f"some, as {entry.id} starts from them")
+    with loading.running():
+        return _make_plan(run, choose(run), data)
 
-    stages, switched = _stages(
-        entry, {**options, **overrides}, overrides, facts, force_all, protocol.inputs == "all-in-focus"
+
+def _make_plan(run: RunSpec, chosen: Choices, data: Path) -> Plan:
+    dataset, entry = Dataset.load(data), chosen.entry
+    protocol = protocol_for(run.inputs, photographs=photograph_columns(dataset))
+    facts = _facts(data.resolve(), dataset.checksum, run.inputs)
+    by_data = plan_for_data(entry, chosen.options, chosen.overrides, dataset, facts, protocol, force_all=run.force_all)
+    options = _read_options(entry, by_data.options)
+    spec = Spec(
+        method=entry.id,
+        preset=chosen.preset,
+        overrides=chosen.overrides,
+        options=by_data.options,
+        budget=str(chosen.budget),
+        dataset=dataset.name,
+        dataset_checksum=dataset.checksum,
+        protocol=protocol.id,
+        seed=run.seed,
+        device=chosen.device,
+        code=provenance.code_version(entry.folder, chosen.device),
+        content=content_digests(options),
     )
-    left_out = _left_out(entry, protocol, stages, missing_truth(dataset))
-    exif = (*EXIF_COLUMNS, *EXIF_FOCUS_COLUMNS) if asked_by_exif(dataset, protocol.inputs) else ()
-    if exif:
-        left_out |= _no_exif(entry, stages, dataset)
-        if {**options, **overrides}.get("lens_focus_from") == "exif":
-            left_out |= dict.fromkeys(
-                EXIF_FOCUS_COLUMNS, "training started from EXIF's focus distances: not independent"
-            )
-    every = (
-        *protocol.refocus_columns,
-        *protocol.all_in_focus_columns,
-        *protocol.photograph,
-        *protocol.lens,
-        *exif,
-        *protocol.depth,
-    )
-    return RunPlan(
-        options={**options, **switched, **overrides},
-        train_views=len(train),
-        test_views=len(test),
-        facts=facts,
-        lenses=dealt_lenses(dataset),
-        points=dataset.points_record,
-        stages=tuple(stages),
-        columns=tuple(column for column in every if column not in left_out),
-        left_out=left_out,
-        masked=masked_shares(dataset),
+    pixels = [view.camera.width * view.camera.height for view in dataset.training_views()]
+    return Plan(
+        settings=run,
+        data=data,
+        spec=spec,
+        budget=chosen.budget,
+        by_data=by_data,
+        folder=run.out / spec.folder,
+        options=asdict(options) if is_dataclass(options) and not isinstance(options, type) else spec.options,
+        view_pixels=sum(pixels) / len(pixels),
+        choices=choices_digest(entry, {**chosen.options, **chosen.overrides}, chosen.budget, run.force_all),
+        scene=dataset.scene,
     )
 
 
-class _Trials:
-    """What the method would try out while training, and which of it the plan knows already, or the user has decided.
-    force_all: try nothing."""
-
-    def __init__(self, card: Card, options: dict[str, Any], overrides: dict[str, Any], force_all: bool):
-        self._option = card.trials
-        self._before = "" if card.trials is None else str(options.get(card.trials, ""))
-        decided = {stage.tried_as for stage in card.stages.values() if stage.option in overrides}
-        words = [] if force_all else [word for word in self._before.split(",") if word]
-        self._open = [word for word in words if word not in decided]
-
-    def __contains__(self, word: str | None) -> bool:
-        return word in self._open
-
-    def close(self, word: str | None) -> None:
-        """The answer is known, or nobody asks any more."""
-        self._open = [other for other in self._open if other != word]
-
-    def switched(self) -> dict[str, str]:
-        """The option as it must be, where that differs from what it was."""
-        now = ",".join(self._open)
-        return {} if self._option is None or now == self._before else {self._option: now}
+def _read_options(entry: MethodEntry, options: dict[str, Any]) -> Any:
+    """The method's options with their defaults; None of a method that can't read them before it is built."""
+    kind = entry.method_class()
+    return kind.read_options(options) if isinstance(kind, ReadsOptions) else None
 
 
-def revised(plan: dict[str, Any], decisions: Sequence[Decision]) -> dict[str, Any]:
-    """The plan, as plain data, with what training decided for itself in place of what was open, and its reasons."""
-    found = {decision.stage: decision for decision in decisions}
-    stages = [
-        {**stage, "runs": found[stage["name"]].runs, "reason": found[stage["name"]].reason}
-        if stage["name"] in found
-        else stage
-        for stage in plan["stages"]
-    ]
-    return {**plan, "stages": stages}
+def different_datasets(folders: Sequence[Path]) -> list[Dataset]:
+    """The datasets in these folders. Raises InputError for a folder that is none, or one dataset given twice."""
+    datasets = [Dataset.load(folder) for folder in folders]
+    for checksum, times in Counter(dataset.checksum for dataset in datasets).items():
+        if times > 1:
+            double = next(folder for folder, one in zip(folders, datasets, strict=True) if one.checksum == checksum)
+            raise InputError("--data", f"{double} {times} times", "every dataset once")
+    return datasets
 
 
-def decided(before: Sequence[Stage], plan: dict[str, Any]) -> list[str]:
-    """A line for each stage of which training decided otherwise, or for another reason, than was planned before it.
-
-    plan: as plain data, from the result.
-    """
-    was = {stage.name: stage for stage in before}
-    now = [Stage(**stage) for stage in plan["stages"]]
-    return [stage.line() for stage in now if stage != was.get(stage.name)]
-
-
-def _stages(
-    entry: MethodEntry, options: dict[str, Any], overrides: dict[str, Any], facts: Facts, force_all: bool, sharp: bool
-) -> tuple[list[Stage], dict[str, Any]]:
-    """What runs and what doesn't, and the options that switch off what doesn't. sharp: the call says that the
-    photographs are all in focus."""
-    trials = _Trials(entry.card, options, overrides, force_all)
-    stages: list[Stage] = []
-    switched: dict[str, Any] = {}
-    runs: dict[str, bool] = {}
-    for name, card in entry.card.stages_in_order():
-        verdict = DECIDERS[card.decided_by](Asked(facts, sharp, runs))
-        if verdict is None or not verdict.to_be_tried:
-            trials.close(card.tried_as)
-        tried = card.tried_as in trials
-        if verdict is None or (verdict.only_tried and not tried):
-            continue
-        needless, why = verdict.needless and not tried, f"{verdict.why}; {TRIED}" if tried else verdict.why
-        switch = card.switch
-        if switch is not None and all(options.get(key) == value for key, value in switch.items()):
-            runs[card.decided_by] = False  # the preset or the user has switched it off: nothing to be decided
-        elif card.option in overrides:
-            runs[card.decided_by] = True  # the user has decided; what else the switch sets only goes with it
-        else:
-            runs[card.decided_by] = not needless or force_all or switch is None
-            if needless and force_all:
-                why = f"--force-all, although {why}"
-            elif needless and switch is None:
-                why = f"{entry.id} can't leave it out, although {why}"
-            elif needless:
-                switched |= switch or {}
-            stages.append(Stage(name, runs[card.decided_by], why))
-        if not runs[card.decided_by]:
-            trials.close(card.tried_as)
-    return stages, {**switched, **trials.switched()}
-
-
-def _why_no_lens(entry: MethodEntry, stages: Sequence[Stage]) -> str:
-    """Why the lens was left out, or ""."""
-    name = entry.card.stage_decided_by("lens")
-    return next((stage.reason for stage in stages if stage.name == name and not stage.runs), "")
-
-
-def _no_exif(entry: MethodEntry, stages: list[Stage], dataset: BenchmarkDataset) -> dict[str, str]:
-    """Why learned lenses can't be compared with EXIF, by column; columns that can be are absent."""
-    no_lens = "" if entry.card.capabilities.learns_lens else "the method learns no lens"
-    if left_out := _why_no_lens(entry, stages):
-        no_lens = no_lens or f"the lens was left out: {left_out}"
-    reasons = dict.fromkeys(EXIF_COLUMNS, no_lens or missing_exif(dataset))
-    reasons |= dict.fromkeys(EXIF_FOCUS_COLUMNS, no_lens or missing_exif_focus(dataset))
-    return {column: reason for column, reason in reasons.items() if reason}
-
-
-def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], missing: MissingTruth) -> dict[str, str]:
-    capabilities = entry.card.capabilities
-    refocus = missing.refocus
-    if not capabilities.refocus and refocus != NO_TEST_VIEWS:
-        refocus = "the method has no lens to refocus with"
-    no_lens = _why_no_lens(entry, stages)
-    if not capabilities.learns_lens:
-        lens = "the method learns no lens"
-    elif not protocol.lens:
-        lens = f"{protocol.id} trains on sharp photographs, which have no lens to be learned"
-    elif missing.lens:
-        lens = missing.lens
-    else:
-        lens = f"the lens was left out: {no_lens}" if no_lens else ""
-    blur = ""
-    if not capabilities.refocus:
-        blur = f"{BY_BLUR}: the method has no lens"
-    elif no_lens:
-        blur = f"{BY_BLUR}: the lens was left out: {no_lens}"
-    no_depth = "" if capabilities.depth else "the method renders no depth"
-    reasons = (
-        (tuple(column for column in protocol.photograph if column in OF_LENSES), blur),
-        (protocol.refocus_columns, refocus),
-        (protocol.all_in_focus_columns, missing.all_in_focus),
-        (LENS_COLUMNS, lens),
-        (protocol.depth, missing.depth or no_depth),
-        ((RESOLVED_COLUMN,), no_depth),
-    )
-    return {column: reason for columns, reason in reasons if reason for column in columns}
+@lru_cache(maxsize=64)
+def _facts(folder: Path, checksum: str, inputs: Inputs) -> Facts:
+    """Facts of a dataset, which many runs in one call may share. checksum: so that it is the same one still."""
+    dataset = Dataset.load(folder)
+    one_lens = None
+    if dataset.assign != "unknown":  # an aperture in units of the width is one opening on cameras that are alike
+        one_lens = dataset.assign == "fixed" and framed_alike(view.camera for view in dataset.training_views())
+    return facts_of(dataset.training_set(inputs), one_lens=one_lens)

@@ -1,4 +1,4 @@
-"""What a call of `dofbench run` says: one run, or every combination of what is listed."""
+"""The options of `dofbench run`: one run, or a matrix of runs."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from pydantic import Field
 
 from dofbench.core.errors import InputError
 from dofbench.core.options import SeveralBudgets, options
-from dofbench.evaluation.results.run_spec import Run, RunOptions, SeveralOptions
+from dofbench.evaluation.results.run_spec import RunOptions, RunSpec, SeveralOptions
 
 
 @options(kw_only=True)
 class Runs(SeveralOptions, RunOptions):
-    """Train methods on datasets, score them and write a result for every run. Several methods, datasets, presets,
-    budgets or seeds make a matrix: every combination is a run of its own, in a process of its own."""
+    """Train methods on datasets and score them on the test views. Several methods, datasets, presets, budgets or seeds
+    make a matrix: every combination is a run in a process of its own."""
 
     data: str | None = None
     """Dataset folders, comma-separated. Default: the built-in dataset, made first if it isn't there."""
     photographs: Path | None = None
-    """In place of --data: a folder of your own photographs, or a video. Camera poses are found, a dataset is made, and
-    after the runs a page is written, all below OUT."""
+    """Instead of --data: a folder of your own photographs, or a video. Camera poses, dataset, training and report are
+    made below OUT."""
     width: int | None = None
     """Width to train at with --photographs, pixels. Default: 504, or that of the photographs where it is less."""
     budget: SeveralBudgets = None
@@ -43,7 +43,7 @@ class Runs(SeveralOptions, RunOptions):
         if self.budget == ():
             raise InputError("--budget", "nothing", "time, steps or both: 300s, 5min, 7000it or 300s,7000it")
 
-    def cells(self) -> tuple[Run, ...]:
+    def cells(self) -> tuple[RunSpec, ...]:
         """Every run, the first seed's first: then all of them have something to show early.
 
         Raises InputError for an empty list, or something listed twice.
@@ -53,7 +53,7 @@ class Runs(SeveralOptions, RunOptions):
         _once("--budget", [str(budget) for budget in self.budget or ()])
         shared = {field.name: getattr(self, field.name) for field in fields(RunOptions)}
         return tuple(
-            Run(**{**shared, "method": method, "preset": preset, "seed": seed}, data=data, budget=budget)
+            RunSpec(**{**shared, "method": method, "preset": preset, "seed": seed}, data=data, budget=budget)
             for seed in range(self.seed, self.seed + self.seeds)
             for data in self._folders()
             for method in methods

@@ -13,7 +13,7 @@ from dofbench.core.jobs import Resources
 from dofbench.evaluation.results.protocol import PROTOCOLS
 from dofbench.evaluation.results.result import RESULT_FILE, Result, read_result
 from dofbench.methods.cards import Card, find_method
-from dofbench.running.planned_runs import PlannedRun
+from dofbench.running.plan import Plan
 
 # Seconds on two cores: a pixel of a test view, scored at the end, and along the training. A photograph of unknown lens
 # costs more, as a lens is fitted to it each time.
@@ -36,7 +36,7 @@ def finished_results(folder: Path) -> list[Result]:
     return found
 
 
-def expected(run: PlannedRun, finished: Sequence[Result]) -> Resources:
+def expected(run: Plan, finished: Sequence[Result]) -> Resources:
     """What a run takes: the medians over the finished ones that are most like it, their training scaled by the budget.
     Like are those on the same dataset and device, before all of the same method and preset. Without any, the seconds
     that the method's card makes of steps and pixels on a CPU, which may be half or twice what they are; None where it
@@ -56,8 +56,8 @@ def expected(run: PlannedRun, finished: Sequence[Result]) -> Resources:
             budget,
             run.options.get("steps"),
             view_pixels=run.view_pixels,
-            train_views=run.plan.train_views,
-            test_views=run.plan.test_views,
+            train_views=run.by_data.train_views,
+            test_views=run.by_data.test_views,
             fitted=bool(PROTOCOLS[spec.protocol].photograph),
         )
         return Resources(spec.device, seconds=seconds)

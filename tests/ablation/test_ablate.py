@@ -26,7 +26,7 @@ from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.evaluation.results.result import read_result
 from dofbench.reporting.sections import ASKED_HEADING
 from dofbench.running.ablation_options import Ablate
-from dofbench.running.ablation_plan import make_plan
+from dofbench.running.ablation_plan import plan_tables
 from dofbench.running.ablation_tables import read_tables, tables_of
 
 TABLES = """\
@@ -331,7 +331,7 @@ def test_held_out_lenses_have_tables_of_their_own(ablate, tmp_path: Path) -> Non
         "A 0, all in focus (2 views)",
     ]
     _, _, said, _ = ablate(table=None, seeds=1)
-    assert "table held is left out: it wants a dataset made with --assign held-out" in said
+    assert "skipping table held: needs a dataset made with --assign held-out" in said
     with pytest.raises(InputError, match="table held: found no dataset for it"):
         ablate(table="held")
 
@@ -339,7 +339,7 @@ def test_held_out_lenses_have_tables_of_their_own(ablate, tmp_path: Path) -> Non
 def test_a_dry_run_runs_nothing(ablate, tmp_path: Path) -> None:
     good, made, said, out = ablate(dry_run=True)
     assert good and made == [] and not out.exists() and not (tmp_path / "results").exists()
-    assert said.startswith("1 table with 6 cells\n6 runs; 0 of them are finished\n")
+    assert said.startswith("1 table with 6 cells\n6 runs, 0 of them cached\n")
     assert "to be run, for noise more: dofbench run --method fake" in said and "--set noise=0.8" in said
     ablate(seeds=1)
     _, _, said, _ = ablate(dry_run=True)
@@ -427,7 +427,7 @@ def test_an_option_that_a_preset_has_anyway_makes_no_other_run(tmp_path: Path) -
     data = tmp_path / "data"
     make_dataset(MakeDataset(scene=str(content_folder("datasets") / "thinlens" / "foliage"), width=96, out=data))
     settings = Ablate(data=str(data), table="table4,table5,adaptation", seeds=1)
-    plan = make_plan(settings, read_tables(tables_of("dofgaussian")))
+    plan = plan_tables(settings, read_tables(tables_of("dofgaussian")))
     runs = {(one.table.id, row): run for one in plan.tables for (row, _, _), run in one.runs.items()}
     assert runs["table5", "stereo, and a start on it"] is runs["adaptation", "one_minus_psi"]
     assert runs["table4", "#5"] is runs["table5", "fine-tuned network"]

@@ -106,7 +106,7 @@ def test_nothing_is_tuned_on_a_report_scene(ablate: Callable[..., str], tmp_path
     assert "room, a report scene" in error and error.count("\n") == 1
     assert not (tmp_path / "none").exists() and not (tmp_path / "results").exists()
     said = ablate(report)  # all tables of the file: the others are made
-    assert "table tuning is left out: room is a report scene" in said
+    assert "skipping table tuning: room is a test scene" in said
     assert not (tmp_path / "out" / "tuning.md").exists() and (tmp_path / "out" / "other.md").exists()
     ablate(scene(tmp_path, "mine", None, None), table=TUNING)  # a scene of one's own
 

@@ -69,7 +69,7 @@ else:
     RENDER
 """
 
-Make = Callable[..., dofbench.RunEnd]
+Make = Callable[..., dofbench.Outcome]
 
 
 def lens(dataset: dofbench.Dataset, name: str) -> dict[str, float]:
@@ -87,19 +87,19 @@ def made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
     folder.mkdir(parents=True)
     monkeypatch.setenv("DOFBENCH_METHODS", str(folder.parent))
 
-    def make(train: str = "pass", render: str = "pass", lenses: object = truth, **changes) -> dofbench.RunEnd:
+    def make(train: str = "pass", render: str = "pass", lenses: object = truth, **changes) -> dofbench.Outcome:
         told = json.dumps({"copy": str(tmp_path / "copy"), "lenses": lenses}).replace('"', '\\"')
         (folder / "method.toml").write_text(CARD.format(python=sys.executable, steps="{steps}", told=told))
         text = textwrap.dedent(PROGRAM).replace("TRAIN", train).replace("RENDER", render)
         (folder / "program.py").write_text(text)
         (folder / "method.py").write_text("from dofbench import External\n\nclass Program(External): pass\n")
         settings = {"method": "program", "data": tmp_path / "data", "out": tmp_path / "results", **changes}
-        return dofbench.run(dofbench.Run(**settings), Console(quiet=True))
+        return dofbench.run(dofbench.RunSpec(**settings), Console(quiet=True))
 
     return make
 
 
-def result_of(end: dofbench.RunEnd) -> dofbench.Result:
+def result_of(end: dofbench.Outcome) -> dofbench.Result:
     return dofbench.read_result(end.folder)
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from fake_method import fake_run
 
-from dofbench.running.one_run import RunEnd
+from dofbench.core.jobs import Outcome
 
 
 @pytest.fixture
-def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., RunEnd]:
+def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outcome]:
     """`call(set=("noise=0.2",), …)` runs the fake method on the fake dataset, into tmp_path/results."""
     return fake_run(tmp_path, monkeypatch)

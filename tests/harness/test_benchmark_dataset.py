@@ -17,8 +17,8 @@ from dofbench.evaluation.scoring.evaluate import Evaluator
 from dofbench.evaluation.scoring.ground_truth import photograph_columns
 from dofbench.methods.cards import find_method
 from dofbench.methods.stages.facts import facts_of
+from dofbench.running.data_plan import plan_for_data
 from dofbench.running.observer import OneStep
-from dofbench.running.plan import make_plan
 
 EVERY = tuple(f"v{index}" for index in range(6))
 
@@ -69,7 +69,7 @@ def test_planning_and_scoring_ask_for_what_the_protocol_names(
     dataset = NarrowDataset(Dataset.load(write_dataset(tmp_path / "data", **unknown)))
     entry, protocol = find_method("fake"), protocol_for("shallow", photographs=photograph_columns(dataset))
     training_set = dataset.training_set("shallow")
-    plan = make_plan(
+    plan = plan_for_data(
         entry,
         {},
         {},

@@ -89,7 +89,7 @@ def test_a_run_interrupted_while_it_scores_goes_on_from_there(call, monkeypatch:
     console, stream = text_console()
     end = call(console)
     result = read_result(end.folder)
-    assert "going on with the scores" in stream.getvalue()
+    assert "using the finished training" in stream.getvalue()
     assert end.status is Status.OK and result.predictions == expected.predictions
     assert result.scores["steps"] == 8 and [p.steps for p in result.curve] == [p.steps for p in expected.curve]
     assert {"train", "load model", "score"} <= set(result.stages)

@@ -19,9 +19,9 @@ from dofbench.evaluation.scoring.evaluate import Evaluation, Evaluator
 from dofbench.evaluation.scoring.ground_truth import photograph_columns
 from dofbench.methods.cards import find_method
 from dofbench.methods.stages.facts import facts_of
+from dofbench.running.data_plan import plan_for_data
+from dofbench.running.execution import miniature
 from dofbench.running.observer import OneStep
-from dofbench.running.plan import make_plan
-from dofbench.running.warm_up import miniature
 
 EVERY = tuple(f"v{index}" for index in range(6))
 KINDS = {"known lenses": {}, "photographs": {"unknown": EVERY, "blurred": EVERY, "flat": EVERY, "exact": False}}
@@ -56,7 +56,7 @@ def scored(dataset: Dataset, folder: Path, *, force_all: bool = True) -> tuple[E
     """(scores, plan as the result keeps it)."""
     entry, protocol = find_method("fake"), protocol_for("shallow", photographs=photograph_columns(dataset))
     given = dataset.training_set("shallow")
-    plan = make_plan(entry, {}, {}, dataset, facts_of(given, one_lens=None), protocol, force_all=force_all)
+    plan = plan_for_data(entry, {}, {}, dataset, facts_of(given, one_lens=None), protocol, force_all=force_all)
     method = entry.create(plan.options, 0, "cpu")
     method.fit(given, Budget(steps=1), OneStep())
     evaluator = Evaluator(method, dataset, protocol, columns=plan.columns, left_out=plan.left_out)

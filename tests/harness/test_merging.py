@@ -19,12 +19,12 @@ from dofbench.core.jobs import Busy, Resources
 from dofbench.evaluation.results.collecting import collect
 from dofbench.evaluation.results.result import read_result, write_result
 from dofbench.evaluation.results.run_lease import run_lease
-from dofbench.evaluation.results.run_spec import Run
+from dofbench.evaluation.results.run_spec import RunSpec
 from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
 from dofbench.running import execution
-from dofbench.running.prepare import plan_run
-from dofbench.running.run_jobs import run_job
+from dofbench.running.one_run import run_job
+from dofbench.running.plan import make_plan
 from dofbench.running.run_options import Runs
 from dofbench.runtime import leases
 
@@ -117,7 +117,7 @@ def test_two_commands_that_begin_one_run_at_a_moment_share_the_rest(call, tmp_pa
     """Neither saw the other when it chose the run. The second one leaves it for later instead of waiting beside it."""
     end = call()
     result = read_result(end.folder)
-    planned = plan_run(Run(method="fake", data=tmp_path / "data", out=tmp_path / "results"), tmp_path / "data")
+    planned = make_plan(RunSpec(method="fake", data=tmp_path / "data", out=tmp_path / "results"), tmp_path / "data")
     assert planned.folder == end.folder
     job = run_job(planned, Resources())
     with run_lease(end.folder, result.spec, "waves", "now"), pytest.raises(Busy):

@@ -17,7 +17,7 @@ from dofbench.evaluation.results.columns import lens_words
 from dofbench.evaluation.results.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS, protocol_for
 from dofbench.methods.cards import find_method
 from dofbench.methods.stages.facts import Facts
-from dofbench.running.plan import RunPlan, Stage, decided, make_plan, revised
+from dofbench.running.data_plan import DataPlan, Stage, decided, plan_for_data, revised
 
 
 @pytest.fixture
@@ -40,10 +40,10 @@ def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         f_numbers: bool = False,
         options: dict | None = None,
         **dataset,
-    ) -> RunPlan:
+    ) -> DataPlan:
         data = Dataset.load(write_dataset(tmp_path / "data", **dataset))
         facts = Facts(points, blur, dependence, one_lens, spread, light, f_numbers)
-        return make_plan(
+        return plan_for_data(
             find_method(method),
             options or {"noise": 0.2},
             overrides or {},
@@ -83,7 +83,7 @@ def test_the_plan_has_every_view_s_lens(plan) -> None:
     assert lenses["train"]["v2"] == [0.5, 0.8]  # A, F
 
 
-def _runs(made: RunPlan) -> dict[str, bool]:
+def _runs(made: DataPlan) -> dict[str, bool]:
     return {stage.name: stage.runs for stage in made.stages}
 
 
@@ -127,7 +127,7 @@ def test_what_nobody_knows_is_tried_while_training(plan) -> None:
     assert all(_runs(made)[name] for name in ("lens", "lens_per_view", "aperture_per_view", "lens_samples"))
     assert "lens_trials" in made.options and made.options["lens_trials"] == "lens,share,model"
     reasons = {stage.name: stage.reason for stage in made.stages}
-    assert all("tried while training" in reasons[name] for name in ("lens", "lens_per_view", "lens_samples"))
+    assert all("tested during training" in reasons[name] for name in ("lens", "lens_per_view", "lens_samples"))
 
 
 def test_what_is_known_is_not_tried(plan) -> None:
@@ -143,7 +143,7 @@ def test_a_stage_that_cannot_be_left_out_says_what_the_data_show(plan, tmp_path:
     card = tmp_path / "methods" / "fake" / "method.toml"
     card.write_text(card.read_text().replace('option = "lens"\noff = false\n', ""))
     stages = {stage.name: stage for stage in plan(blur=0.4).stages}
-    assert stages["lens"].runs and stages["lens"].reason.startswith("fake can't leave it out, although the photographs")
+    assert stages["lens"].runs and stages["lens"].reason.startswith("fake can't disable it; ")
     card.write_text(card.read_text().replace('[stages.lens]\ndecided_by = "lens"\n', ""))
     assert "lens" not in _runs(plan(blur=0.4))  # not declared: nobody asks
 
@@ -246,7 +246,7 @@ def test_of_an_unknown_lens_the_photographs_tell_whether_it_is_needed(plan, blur
     assert "lens_per" not in made.options and made.left_out["delta_a"] == "no true lens"
     if runs:
         (stage,) = (stage for stage in made.stages if stage.name == "lens_per_view")
-        assert stage.runs and "each may have one of its own" in stage.reason
+        assert stage.runs and stage.reason == "no lens metadata"
 
 
 def test_some_test_views_without_a_lens(plan) -> None:
@@ -307,6 +307,6 @@ def test_what_training_decided_is_said_and_nothing_else():
     plan = {"stages": [dataclasses.asdict(stage) for stage in before]}
     assert decided(before, plan) == []
     after = revised(plan, [Decision("lens", False, "0.1 px")])
-    assert decided(before, after) == ["stage lens: left out: 0.1 px"]
+    assert decided(before, after) == ["lens: off (0.1 px)"]
     # The same end for another reason is worth a line, too.
-    assert decided(before, revised(plan, [Decision("lens", True, "+1 dB")])) == ["stage lens: runs: +1 dB"]
+    assert decided(before, revised(plan, [Decision("lens", True, "+1 dB")])) == ["lens: on (+1 dB)"]

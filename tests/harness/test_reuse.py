@@ -10,8 +10,8 @@ from harness_fakes import text_console
 from small_dataset import write_dataset
 
 from dofbench.evaluation.results.result import read_result
-from dofbench.evaluation.results.run_spec import Run
-from dofbench.running.prepare import plan_run
+from dofbench.evaluation.results.run_spec import RunSpec
+from dofbench.running.plan import make_plan
 
 
 def test_a_finished_result_is_reused(call) -> None:
@@ -20,7 +20,7 @@ def test_a_finished_result_is_reused(call) -> None:
     console, stream = text_console()
     again = call(console)
     assert again.reused and again.folder == first.folder
-    assert "finished already" in stream.getvalue()
+    assert "using the cached result" in stream.getvalue()
     assert (first.folder / "result.json").read_bytes() == before
 
 
@@ -48,8 +48,8 @@ def test_nothing_else_changes_the_key(call, tmp_path: Path, monkeypatch: pytest.
     key = read_result(call().folder).key
 
     def again(data: Path = tmp_path / "data", **changes) -> str:
-        settings = Run(**{"method": "fake", "data": data, "out": tmp_path / "results", **changes})
-        return plan_run(settings, data).spec.key
+        settings = RunSpec(**{"method": "fake", "data": data, "out": tmp_path / "results", **changes})
+        return make_plan(settings, data).spec.key
 
     assert again(out=tmp_path / "elsewhere") == again(rerun=True) == again(dry_run=True) == key
     # Options that equal their defaults don't change the key

@@ -23,7 +23,7 @@ from dofbench.core.images import read_image
 from dofbench.evaluation.results.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS
 from dofbench.evaluation.results.result import read_result
 from dofbench.evaluation.scoring.evaluate import Evaluator
-from dofbench.running import one_run
+from dofbench.running import execution
 from dofbench.running.check_results import check_result
 from dofbench.running.load_run import load_run
 from dofbench.runtime import kernel_cache
@@ -34,7 +34,7 @@ OPEN = PROTOCOLS["refocus-v3"]
 def test_a_run_keeps_the_memory_that_it_frees(call, monkeypatch: pytest.MonkeyPatch) -> None:
     """One that only says what it would do leaves the process as it is."""
     asked: list[bool] = []
-    monkeypatch.setattr(one_run, "keep_freed_memory", lambda: asked.append(True))
+    monkeypatch.setattr(execution, "keep_freed_memory", lambda: asked.append(True))
     call(dry_run=True)
     assert not asked
     call()
@@ -211,10 +211,10 @@ def test_what_training_decided_stands_in_the_result_with_its_reason(call, monkey
     result = read_result(end.folder)
     assert result.status is Status.OK and check_result(end.folder).problems == []
     stages = {stage["name"]: stage for stage in result.plan["stages"]}
-    assert not stages["lens"]["runs"] and stages["lens"]["reason"] == "tried while training: nothing gained"
-    assert result.left_out_stages["lens"] == "tried while training: nothing gained"
+    assert not stages["lens"]["runs"] and stages["lens"]["reason"] == "held-out PSNR +0.00 dB with the lens"
+    assert result.left_out_stages["lens"] == "held-out PSNR +0.00 dB with the lens"
     for column in ("psnr", "delta_a"):
-        assert column not in result.scores and "nothing gained" in result.left_out[column]
+        assert column not in result.scores and "+0.00 dB" in result.left_out[column]
     assert "aif_psnr" in result.scores
 
 
@@ -229,7 +229,7 @@ def test_a_method_that_refuses_to_refocus_leaves_it_out(call) -> None:
 def test_leaving_out_a_needless_lens_changes_no_other_score(call, tmp_path: Path) -> None:
     write_dataset(tmp_path / "data", in_focus=True)
     left_out, forced = (read_result(call(force_all=force).folder) for force in (False, True))
-    assert left_out.left_out_stages["lens"].startswith("the photographs show circles of confusion of up to 0.17 px")
+    assert left_out.left_out_stages["lens"].startswith("estimated CoC radius up to 0.17 px")
     assert left_out.scores["aif_psnr"] == forced.scores["aif_psnr"]
     assert "delta_a" in forced.scores and "delta_a" not in left_out.scores
 
@@ -269,14 +269,14 @@ def test_a_terminal_gets_a_bar_and_the_files_place(call) -> None:
     stream = io.StringIO()
     end = call(Console(file=stream, width=300, force_terminal=True, color_system=None))
     shown = stream.getvalue()
-    assert "training" in shown and "step 8" in shown
+    assert "training" in shown and "8 of 8" in shown
     assert f"result {end.folder / 'result.json'}" in shown
 
 
 def test_a_log_gets_plain_lines(call) -> None:
     console, stream = text_console()
     call(console)
-    assert "step 8, loss 0.1250" in stream.getvalue() and "\x1b" not in stream.getvalue()
+    assert "8 of 8, loss 0.1250" in stream.getvalue() and "\x1b" not in stream.getvalue()
 
 
 def test_a_dataset_whose_files_changed_isnt_run_on(call, tmp_path):

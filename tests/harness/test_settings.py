@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from dofbench.cli import app
 from dofbench.core.budget import Budget, parse_budget
 from dofbench.core.errors import InputError
-from dofbench.evaluation.results.run_spec import Run, parse_overrides
+from dofbench.evaluation.results.run_spec import RunSpec, parse_overrides
 
 STEPS = st.integers(1, 10**6)
 SECONDS = st.integers(1, 99_999).map(lambda tenths: tenths / 10)
@@ -72,7 +72,7 @@ def test_wrong_overrides(pairs: tuple[str, ...]) -> None:
 
 
 def test_the_command_says_the_same_run() -> None:
-    settings = Run(
+    settings = RunSpec(
         method="fake", data=Path("some data"), set=("a=1", "b=x y"), seed=3, force_all=True, budget=Budget(9, 5.0)
     )
     words = shlex.split(settings.command())

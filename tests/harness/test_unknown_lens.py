@@ -13,27 +13,27 @@ from rich.console import Console
 from small_dataset import write_dataset
 
 from dofbench.core.errors import Status
+from dofbench.core.jobs import Outcome
 from dofbench.evaluation.results.result import read_result
 from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
 from dofbench.running.check_results import check_result
-from dofbench.running.one_run import RunEnd
 
 EVERY, TRAINED = [f"v{index}" for index in range(6)], [f"v{index}" for index in range(2, 6)]
 
 
 @pytest.fixture
-def unknown(call: Callable[..., RunEnd], tmp_path: Path) -> Callable[..., RunEnd]:
+def unknown(call: Callable[..., Outcome], tmp_path: Path) -> Callable[..., Outcome]:
     """A run on a dataset of photographs: `unknown(blurred=…)` as `write_dataset`."""
 
-    def run(**dataset) -> RunEnd:
+    def run(**dataset) -> Outcome:
         options = {"unknown": EVERY, "blurred": TRAINED, "flat": EVERY, "exact": False, **dataset}
         return call(data=write_dataset(tmp_path / "photographs", name="seal", **options))
 
     return run
 
 
-def test_what_has_its_truth_is_scored(unknown: Callable[..., RunEnd]) -> None:
+def test_what_has_its_truth_is_scored(unknown: Callable[..., Outcome]) -> None:
     result = read_result(unknown().folder)
     assert result.status is Status.OK and check_result(unknown().folder).problems == []
     assert {"aif_psnr", "aif_ssim", "aif_flip", "train_s", "render_fps"} <= result.scores.keys()
@@ -48,7 +48,7 @@ def test_what_has_its_truth_is_scored(unknown: Callable[..., RunEnd]) -> None:
     assert not any(name.startswith("predictions/refocus") for name in result.predictions)
 
 
-def test_a_run_that_nothing_can_be_scored_of_still_ends_well(call: Callable[..., RunEnd], tmp_path: Path) -> None:
+def test_a_run_that_nothing_can_be_scored_of_still_ends_well(call: Callable[..., Outcome], tmp_path: Path) -> None:
     folder = call(
         data=write_dataset(
             tmp_path / "photographs", name="seal", unknown=TRAINED, blurred=EVERY, flat=EVERY, test=0, train=6
@@ -62,7 +62,7 @@ def test_a_run_that_nothing_can_be_scored_of_still_ends_well(call: Callable[...,
     assert "no run has predictions" in stream.getvalue()
 
 
-def test_some_lenses_unknown(call: Callable[..., RunEnd], tmp_path: Path) -> None:
+def test_some_lenses_unknown(call: Callable[..., Outcome], tmp_path: Path) -> None:
     result = read_result(call(data=write_dataset(tmp_path / "mixed", unknown=["v0"])).folder)
     assert result.left_out["psnr"] == "no test lens of 1 of 2 test views: v0"
     assert {"aif_psnr", "delta_a", "delta_r", "depth_rel"} <= result.scores.keys()
@@ -70,7 +70,7 @@ def test_some_lenses_unknown(call: Callable[..., RunEnd], tmp_path: Path) -> Non
 
 
 def test_the_report_shows_no_column_without_a_value(
-    unknown: Callable[..., RunEnd], call: Callable[..., RunEnd], tmp_path: Path
+    unknown: Callable[..., Outcome], call: Callable[..., Outcome], tmp_path: Path
 ) -> None:
     unknown()
     call(method="pinhole", data=tmp_path / "photographs")
@@ -85,7 +85,7 @@ def test_the_report_shows_no_column_without_a_value(
     assert (tmp_path / "report" / "comparison" / "seal-refocus-v3.png").is_file()
 
 
-def test_photographs_are_scored_by_what_half_of_each_tells(call: Callable[..., RunEnd], tmp_path: Path) -> None:
+def test_photographs_are_scored_by_what_half_of_each_tells(call: Callable[..., Outcome], tmp_path: Path) -> None:
     data = write_dataset(tmp_path / "photographs", name="seal", unknown=EVERY, blurred=EVERY, flat=EVERY, exact=False)
     end = call(data=data)
     result = read_result(end.folder)
@@ -113,7 +113,7 @@ def test_photographs_are_scored_by_what_half_of_each_tells(call: Callable[..., R
     assert (tmp_path / "report" / "comparison" / "seal-photographs-v1.png").is_file()
 
 
-def test_a_picture_that_isnt_what_was_scored_is_noticed(call: Callable[..., RunEnd], tmp_path: Path) -> None:
+def test_a_picture_that_isnt_what_was_scored_is_noticed(call: Callable[..., Outcome], tmp_path: Path) -> None:
     data = write_dataset(tmp_path / "photographs", name="seal", unknown=EVERY, blurred=EVERY, flat=EVERY, exact=False)
     folder = call(data=data).folder
     file = folder / "result.json"
@@ -125,7 +125,7 @@ def test_a_picture_that_isnt_what_was_scored_is_noticed(call: Callable[..., RunE
     assert any("photo_psnr is" in line and "computed again" in line for line in check_result(folder).problems)
 
 
-def test_a_prediction_that_isnt_finite_is_a_failure(call: Callable[..., RunEnd], tmp_path: Path) -> None:
+def test_a_prediction_that_isnt_finite_is_a_failure(call: Callable[..., Outcome], tmp_path: Path) -> None:
     data = write_dataset(tmp_path / "photographs", name="seal", unknown=EVERY, blurred=EVERY, flat=EVERY, exact=False)
     result = read_result(call(data=data, set=("trouble=hole",)).folder)
     assert result.status is Status.DIVERGED and result.nonfinite[0].stage == "render photograph"

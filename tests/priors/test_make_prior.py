@@ -11,8 +11,8 @@ from tolerances import FLOAT32_SCALAR
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
+from dofbench.running.execution import miniature
 from dofbench.running.observer import OneStep
-from dofbench.running.warm_up import miniature
 from dofbench.training.common.depth import DepthMap, sparse_depth
 from dofbench.training.common.priors import make_prior, with_surface_points
 from dofbench.training.gaussians.gaussian_options import GaussianOptions

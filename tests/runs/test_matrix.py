@@ -22,7 +22,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.jobs import Job
 from dofbench.evaluation.results.result import read_result
 from dofbench.evaluation.results.run_lease import run_lease
-from dofbench.evaluation.results.run_spec import Run
+from dofbench.evaluation.results.run_spec import RunSpec
 from dofbench.running.run_options import Runs
 
 MINUTE, BOTH = Budget(seconds=60.0), Budget(steps=7000, seconds=300.0)
@@ -72,7 +72,7 @@ def test_every_combination_is_a_run() -> None:
 
 def test_one_of_each_is_the_run_it_always_was() -> None:
     parsed = app.parse("run --method a --data x --seed 3 --budget 300s,7000it --set k=1 l=2".split())
-    assert parsed.cells() == (Run(method="a", data=Path("x"), seed=3, budget=BOTH, set=("k=1", "l=2")),)
+    assert parsed.cells() == (RunSpec(method="a", data=Path("x"), seed=3, budget=BOTH, set=("k=1", "l=2")),)
 
 
 def test_a_folder_with_a_comma_is_one(tmp_path: Path) -> None:
@@ -101,7 +101,7 @@ def test_a_run_of_a_matrix_is_the_single_run(call, matrix, tmp_path: Path) -> No
     single = call(method="pinhole", data=tmp_path / "other", seed=1)
     before = (single.folder / "result.json").read_bytes()
     good, made, said = matrix(seeds=2)
-    assert good and len(made) == 7 and "8 runs; 1 of them are finished" in said
+    assert good and len(made) == 7 and "8 runs, 1 of them cached" in said
     assert (single.folder / "result.json").read_bytes() == before
     for file in sorted((tmp_path / "results").rglob("result.json")):
         result = read_result(file)
@@ -134,15 +134,15 @@ def test_an_interrupted_call_goes_on(matrix, tmp_path: Path) -> None:
 def test_a_dry_run_lists_every_run(matrix, tmp_path: Path) -> None:
     good, made, said = matrix(dry_run=True, seeds=2)
     assert good and not made and not (tmp_path / "results").exists()
-    assert said.count("to be run, time unknown: dofbench run --method ") == 8 and "8 runs; 0 of them" in said
+    assert said.count("to be run, time unknown: dofbench run --method ") == 8 and "8 runs, 0 of them" in said
     assert "no finished run of this kind" in said
     assert "fake (quick, seed 0, cpu) on waves, refocus-v3; seeds 0, 1" in said
     assert "  no delta_a, delta_f, delta_r: the method learns no lens" in said
     matrix(method="fake", data=str(tmp_path / "data"))
     _, _, said = matrix(dry_run=True, seeds=2)
-    assert said.count("finished: dofbench") == 1 and len(re.findall(r"to be run, about \d+ s: ", said)) == 3
+    assert said.count("cached: dofbench") == 1 and len(re.findall(r"to be run, about \d+ s: ", said)) == 3
     assert said.count("to be run, time unknown") == 4  # nothing is known of the other dataset
-    assert re.search(r"8 runs; 1 of them are finished\nabout \d+ s to go", said)
+    assert re.search(r"8 runs, 1 of them cached\nabout \d+ s to go", said)
     _, _, said = matrix(dry_run=True, seeds=2, budget=(Budget(seconds=1000.0),))
     assert said.count("to be run, about 1008 s") >= 4  # by the budget alone, where nothing else is known
     assert re.search(r"about 1[34]\d min to go, 1 at a time", said)
@@ -152,12 +152,12 @@ def test_a_failing_run_names_itself_and_stops_nothing(matrix, tmp_path: Path) ->
     good, made, said = matrix(set=("trouble=crash",), method="fake")
     assert not good and len(made) == 2
     assert said.count("failed: ") == 2 and said.count("crashed: RuntimeError: something broke") == 2
-    assert "0 of 2 runs are done and ok" in said
+    assert "0 of 2 runs ok" in said
     assert len(matrix(set=("trouble=crash",), method="fake")[1]) == 2  # the machine's fault, perhaps: tried again
     good, made, said = matrix(set=("trouble=lost",), method="fake")
     assert not good and len(made) == 2 and said.count("diverged: loss is nan at step 3") == 2
     good, made, said = matrix(set=("trouble=lost",), method="fake", dry_run=True)
-    assert said.count("finished, diverged: dofbench run") == 2
+    assert said.count("cached, diverged: dofbench run") == 2
     assert matrix(set=("trouble=lost",), method="fake")[:2] == (False, [])
 
 
@@ -165,7 +165,7 @@ def test_one_method_s_failure_is_its_own(matrix, tmp_path: Path) -> None:
     code = tmp_path / "methods" / "pinhole" / "behaviour.py"
     code.write_text(code.read_text().replace("    if step <", '    raise RuntimeError("broken")\n    if step <'))
     good, made, said = matrix()
-    assert not good and len(made) == 4 and "2 of 4 runs are done and ok" in said
+    assert not good and len(made) == 4 and "2 of 4 runs ok" in said
     assert len(re.findall(r"^failed: .*/pinhole-quick-seed0-.*: crashed: .*$", said, re.MULTILINE)) == 2
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 from dofbench.core.errors import InputError
 from dofbench.core.jobs import Job, Outcome, Report
-from dofbench.core.progress import Advance, Several
+from dofbench.core.progress import Reported, Several
 from dofbench.datasets.synthesis.builder import BUILT_IN, default_folder, make
 from dofbench.datasets.synthesis.dataset_options import MakeDataset, MakeDatasets
 from dofbench.runtime.processes import LocalProcesses
@@ -71,22 +70,6 @@ def make_all(datasets: Sequence[MakeDataset], workers: int) -> list[Outcome]:
 
 
 def _make_one(settings: MakeDataset, sibling: Path | None, report: Report) -> str:
-    progress = _Reported(report)
+    progress = Reported(report)
     make(settings, progress, sibling=sibling)
     return progress.message
-
-
-class _Reported:
-    """A `Progress` that reports to another process."""
-
-    def __init__(self, report: Report):
-        self._report, self.message = report, ""
-
-    @contextmanager
-    def stage(self, name: str, total: int) -> Iterator[Advance]:
-        """Report the number of items done."""
-        yield lambda done: self._report((name, done, total))
-
-    def finished(self, folder: Path, message: str) -> None:
-        """Keep the message that is printed at the end."""
-        self.message = f"{folder}: {message}"

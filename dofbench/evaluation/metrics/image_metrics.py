@@ -6,7 +6,10 @@ ValueError for shapes that don't fit or sides that are too short.
 
 from __future__ import annotations
 
+import importlib
+import sys
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -111,7 +114,7 @@ def delta_e(prediction: np.ndarray, truth: np.ndarray, mask: np.ndarray | None =
     Source: Sharma, Wu, Dalal, "The CIEDE2000 color-difference formula", Color Research and Application 2005, by
     colour-science. Pixels are taken as sRGB (IEC 61966-2-1), D65, 2 degree observer, whatever the dataset's gamma.
     """
-    import colour
+    colour = _colour_science()
 
     one, other = (colour.XYZ_to_Lab(colour.sRGB_to_XYZ(image)) for image in checked(*unmasked(prediction, truth, mask)))
     return valid_mean(colour.difference.delta_E_CIE2000(one, other), mask)
@@ -130,3 +133,19 @@ def ssim_uniform7(prediction: np.ndarray, truth: np.ndarray, mask: np.ndarray | 
         correction=_UNIFORM**2 / (_UNIFORM**2 - 1),
     )
     return valid_mean(luminance * structure, mask)
+
+
+def _colour_science() -> Any:
+    """Import colour-science without OpenImageIO, which it would use for files alone and hold until the program ends:
+    then OpenImageIO's binding prints a page about leaks."""
+    if "colour" not in sys.modules:
+        name = "OpenImageIO"
+        loaded = sys.modules.pop(name, None)
+        sys.modules[name] = None  # type: ignore[assignment]  # as Python marks a module that can't be imported
+        try:
+            importlib.import_module("colour")
+        finally:
+            del sys.modules[name]
+            if loaded is not None:
+                sys.modules[name] = loaded
+    return sys.modules["colour"]

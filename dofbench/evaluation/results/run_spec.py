@@ -22,11 +22,13 @@ class CallOptions:
     """Options of every command that makes runs."""
 
     set: tuple[str, ...] = ()
-    """Options that replace the preset's, as key=value with a TOML value: --set sh_degree=1 lens_lr=1e-3."""
+    """Hyperparameters that replace the preset's, key=value in TOML: --set sh_degree=1 lens_lr=1e-3."""
     device: str = "auto"
     """cpu, cuda, or auto: cuda if the machine has such a device and the method runs on it, else cpu."""
     dry_run: bool = False
-    """Only print what would be done and left out, which runs are finished, and an estimate of the time."""
+    """Only print the plan: stages, scores, cached results and the estimated time."""
+    verbose: bool = False
+    """Print the whole plan before training; without it, at most five lines."""
 
 
 @options(kw_only=True)
@@ -56,17 +58,17 @@ class RunOptions(CallOptions, WhichMethods):
     seed: int = 0
     """Seed of everything random in the method; with --seeds, the first seed."""
     inputs: Inputs = "shallow"
-    """Train on the shallow photographs, or on the sharp originals, which are scored under a protocol of their own."""
+    """Train on images with a shallow depth of field, or on the all-in-focus ones, under a protocol of their own."""
     force_all: bool = False
-    """Also carry out the stages that the plan would leave out because the dataset doesn't need them."""
+    """Run every stage, also those that the dataset doesn't need."""
     rerun: bool = False
-    """Run again even if a finished result of the same key exists."""
+    """Train again even where a cached result of the same key exists."""
     out: Path = Path("results")
     """Folder of results; a run writes to OUT/DATASET/METHOD-PRESET-seedN-KEY/, alone or in a matrix."""
 
 
 @options(kw_only=True)
-class Run(RunOptions):
+class RunSpec(RunOptions):
     """One run. (The command's options, which may name many runs, are in `dofbench.running.run_options`.)
 
     data: the dataset's folder, None for the built-in dataset. budget: None for the preset's.
@@ -78,7 +80,7 @@ class Run(RunOptions):
     def command(self) -> str:
         """The command line of this run, with the options that differ from their defaults; paths as the user gave
         them."""
-        return command_line("run", self, without=("rerun", "dry_run"))
+        return command_line("run", self, without=("rerun", "dry_run", "verbose"))
 
 
 def command_line(command: str, options: Any, *, without: Collection[str] = ()) -> str:

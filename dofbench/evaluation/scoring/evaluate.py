@@ -17,8 +17,8 @@ from dofbench.core.contracts import Method, NonFinite, Rendering, RendersAhead
 from dofbench.core.files import sha256_file
 from dofbench.core.images import from_8bit, to_8bit, write_png
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
+from dofbench.core.progress import Update, silent
 from dofbench.core.similarity import unmasked
-from dofbench.core.time_left import Progress, silent
 from dofbench.datasets.format.benchmark_dataset import BenchmarkDataset, BenchmarkView
 from dofbench.evaluation.metrics import score_image
 from dofbench.evaluation.metrics.depth_errors import disparity_error, relative_error
@@ -119,7 +119,7 @@ class Evaluator:
         errors, _ = self._lens_errors()
         return scores | errors
 
-    def final(self, folder: Path, progress: Progress = silent) -> Evaluation:
+    def final(self, folder: Path, progress: Update = silent) -> Evaluation:
         """Score everything planned; write predictions and error maps to `folder`/predictions. progress: called for
         every scored image, since a real photograph takes seconds to minutes."""
         self._ahead()
@@ -365,9 +365,9 @@ class Evaluator:
 
 
 class _Counted:
-    """Progress over `total` images in several loops."""
+    """Update over `total` images in several loops."""
 
-    def __init__(self, progress: Progress, stage: str, total: int):
+    def __init__(self, progress: Update, stage: str, total: int):
         self._progress, self._stage, self._total, self._done = progress, stage, total, 0
         if total:
             progress(stage, 0, total)

@@ -87,16 +87,22 @@ class External:
     """
 
     def __init__(self, options: dict[str, Any], seed: int, device: str):
-        self._options = ExternalOptions.of(**options).commands
-        for name in ("train", "render"):
-            if not getattr(self._options, name).strip():
-                raise InputError(f"option {name}", "no command", "a command, in a preset or by --set")
+        self._options = self.read_options(options).commands
         self._seed, self._device = seed, device
         self._work = tempfile.TemporaryDirectory(prefix="dofbench-external-")
         self._root = Path(self._work.name)
         self._lenses: dict[str, PhysicalLens] | None = None
         self._figures: dict[str, float] = {}
         self._files: dict[str, str] = {}  # the picture of every view that was asked for
+
+    @classmethod
+    def read_options(cls, options: Mapping[str, Any]) -> ExternalOptions:
+        """All options with their defaults. Raises InputError for an unknown one, or without a command."""
+        read = ExternalOptions.of(**options)
+        for name in ("train", "render"):
+            if not getattr(read.commands, name).strip():
+                raise InputError(f"option {name}", "no command", "a command, in a preset or by --set")
+        return read
 
     @classmethod
     def available_options(cls) -> Sequence[ListedOption]:

@@ -49,14 +49,11 @@ def _lens(asked: Asked) -> Verdict:
     """Whether the photographs show any blur."""
     blur = asked.facts.blur_px
     if blur is None:
-        return Verdict(False, "the photographs don't tell how blurred they are", to_be_tried=True)
-    shown = (
-        f"the photographs show circles of confusion of up to {blur:.2f} px radius, by an estimate that gives up to "
-        f"{NEEDLESS_BLUR} px for photographs without blur"
-    )
+        return Verdict(False, "unknown blur radius", to_be_tried=True)
+    shown = f"estimated CoC radius up to {blur:.2f} px; images in focus give up to {NEEDLESS_BLUR} px"
     needless = blur < NEEDLESS_BLUR
     if needless and asked.sharp:
-        return Verdict(True, f"{shown}, and the call says that they are all in focus")
+        return Verdict(True, f"{shown}; trained on all-in-focus images")
     # Points are found where a photograph is sharp, so what they show can't tell that there is no lens.
     return Verdict(needless, shown, to_be_tried=blur < CLEAR_BLUR)
 
@@ -68,10 +65,9 @@ def _f_numbers(asked: Asked) -> Verdict | None:
     if asked.facts.f_numbers:
         return Verdict(
             True,
-            "EXIF has the f-number of every photograph, by one camera at one focal length: aperture x f-number is "
-            "learned once for all, and a focus for each",
+            "EXIF has every f-number, of one camera at one focal length: shared aperture x f-number, per-view focus",
         )
-    return Verdict(False, "EXIF doesn't say how the photographs' apertures compare")
+    return Verdict(False, "EXIF has no comparable f-numbers")
 
 
 def _one_lens(asked: Asked) -> Verdict | None:
@@ -80,18 +76,17 @@ def _one_lens(asked: Asked) -> Verdict | None:
         return None
     one = asked.facts.one_lens
     if one is None:
-        said = "nobody knows the photographs' lenses, so each may have one of its own"
-        return Verdict(False, said, to_be_tried=True)
+        return Verdict(False, "no lens metadata", to_be_tried=True)
     if one:
-        return Verdict(True, "the dataset says: one lens took all photographs")
-    return Verdict(False, "the dataset says: photographs by several lenses")
+        return Verdict(True, "the dataset has one shared lens")
+    return Verdict(False, "the dataset has several lenses")
 
 
 def _blur_model(asked: Asked) -> Verdict | None:
     """Which model of a blur explains the photographs: no fact tells."""
     if not asked.runs.get("lens", True):
         return None
-    return Verdict(False, "nobody knows how the photographs were blurred", to_be_tried=True, only_tried=True)
+    return Verdict(False, "unknown blur model", to_be_tried=True, only_tried=True)
 
 
 def _points(asked: Asked) -> Verdict:
@@ -102,18 +97,18 @@ def _points(asked: Asked) -> Verdict:
 def _depth_supervision(asked: Asked) -> Verdict:
     """Whether the depth is supervised, by the stage that asks for points."""
     if asked.runs.get("points", True):
-        return Verdict(False, "normals smooth the surfaces that depth supervision has placed")
-    return Verdict(True, "normals smooth surfaces that depth supervision has placed, and there is none")
+        return Verdict(False, "normals need depth supervision")
+    return Verdict(True, "normals need depth supervision, which is off")
 
 
 def _view_dependence(asked: Asked) -> Verdict:
     """Whether surfaces change their colour with the direction from which they are seen."""
     spread = asked.facts.view_dependence
     if spread is None:
-        return Verdict(False, "too few points are seen often enough to tell")
+        return Verdict(False, "too few points with enough views")
     return Verdict(
         spread < NEEDLESS_DEPENDENCE,
-        f"surfaces change by {spread:.1f} of 255 levels with the viewing direction; {NEEDLESS_DEPENDENCE} can be seen",
+        f"colours change by {spread:.1f} of 255 levels with the viewing direction; visible from {NEEDLESS_DEPENDENCE}",
     )
 
 
@@ -123,17 +118,14 @@ def _colour_spread(asked: Asked) -> Verdict:
     if spread is not None:
         return Verdict(
             spread < NEEDLESS_COLOURS,
-            f"exposure and white balance differ by {spread:.1f} % over the photographs; "
-            f"below {NEEDLESS_COLOURS:.0f} % they need no colours of their own",
+            f"exposure and white balance differ by {spread:.1f} % over the views; threshold {NEEDLESS_COLOURS:.0f} %",
         )
     if light is not None:
         return Verdict(
             light < NEEDLESS_LIGHT,
-            f"too few points are shared to compare colours; by EXIF the light that the camera let in differs by "
-            f"{light:.1f} stops, and below {NEEDLESS_LIGHT} stops photographs need no colours of their own",
+            f"EXIF exposures differ by {light:.1f} stops; threshold {NEEDLESS_LIGHT}; too few shared points",
         )
-    why = "too few points are shared to tell whether exposure or white balance differ, and EXIF doesn't tell"
-    return Verdict(True, why)
+    return Verdict(True, "unknown exposure and white balance: too few shared points, no EXIF")
 
 
 # A decider gives None where there is no question: without a lens nobody asks whether there is one for each view.

@@ -40,10 +40,15 @@ class FieldMethod:
 
     def __init__(self, options: Mapping[str, Any], seed: int, device: str):
         self._device = resolve(device, KINDS, "training of fields")
-        self._options, self._seed = self.OPTIONS.of(**options), seed
+        self._options, self._seed = self.read_options(options), seed
         self._scene: FieldScene | None = None
         self._colours: dict[str, np.ndarray] | None = None
         self._peak: dict[str, float] = {}
+
+    @classmethod
+    def read_options(cls, options: Mapping[str, Any]) -> FieldOptions:
+        """All options with their defaults. Raises InputError for an unknown one or a wrong value."""
+        return cls.OPTIONS.of(**options)
 
     @classmethod
     def available_options(cls) -> tuple[ListedOption, ...]:

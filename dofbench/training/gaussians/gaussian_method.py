@@ -60,10 +60,7 @@ class GaussianMethod:
 
     def __init__(self, options: Mapping[str, Any], seed: int, device: str):
         self._device = resolve(device, KINDS, "training of Gaussians")
-        fixed = sorted(set(options) & set(self.FORCED))
-        if fixed:
-            raise InputError(f"option {fixed[0]}", "a value", "none: this method fixes it")
-        self._options = self.OPTIONS.of(**options, **self.FORCED)
+        self._options = self.read_options(options)
         self._seed = seed
         self._gaussians: Gaussians | None = None
         self._trainer: Trainer | None = None
@@ -72,6 +69,14 @@ class GaussianMethod:
         self._colours: dict[str, np.ndarray] | None = None
         self._peak: dict[str, float] = {}
         self._offset = NO_OFFSET
+
+    @classmethod
+    def read_options(cls, options: Mapping[str, Any]) -> GaussianOptions:
+        """All options with their defaults. Raises InputError for an unknown or fixed one, or a wrong value."""
+        fixed = sorted(set(options) & set(cls.FORCED))
+        if fixed:
+            raise InputError(f"option {fixed[0]}", "a value", "none: this method fixes it")
+        return cls.OPTIONS.of(**options, **cls.FORCED)
 
     @classmethod
     def available_options(cls) -> tuple[ListedOption, ...]:

@@ -24,7 +24,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from dofbench.core.contracts import Decision, TrainingView
-from dofbench.core.time_left import Progress, silent
+from dofbench.core.progress import Update, silent
 from dofbench.training.common.held_out import HeldOutScores
 from dofbench.training.gaussians.forward_model import ForwardModel
 from dofbench.training.gaussians.gaussian_options import QUESTIONS, GaussianOptions
@@ -120,7 +120,7 @@ class Trials:
         return max(1, min(max(enough, VISITS * views), round(MOST * total)))
 
     def decide(
-        self, step: int, total: int, progress: float, tell: Progress = silent, left: Left = unlimited
+        self, step: int, total: int, progress: float, tell: Update = silent, left: Left = unlimited
     ) -> tuple[int, list[Decision]]:
         """Run the trials and leave the trainee in the best one's state; returns the steps taken in all, and decisions.
 

@@ -13,7 +13,7 @@ import torch
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud, TrainingSet
 from dofbench.core.errors import InputError
-from dofbench.core.time_left import Progress, silent
+from dofbench.core.progress import Update, silent
 from dofbench.training.common.depth import DepthMap, DepthSamples, sparse_depth
 from dofbench.training.common.options import CONTENT
 
@@ -82,7 +82,7 @@ def make_prior(
     seed: int,
     steps: int,
     device: str = "cpu",
-    progress: Progress = silent,
+    progress: Update = silent,
 ) -> Prior:
     """Make the prior of the options. steps: of the training, the most that a network is tuned. device: of stereo;
     networks run on the CPU. progress: called for every view and every step of tuning.

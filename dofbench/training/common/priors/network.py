@@ -22,7 +22,7 @@ from torch.nn import functional
 from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.images import resize
-from dofbench.core.time_left import Progress, silent
+from dofbench.core.progress import Update, silent
 from dofbench.scenes.depth.align import UNALIGNED, Alignment, fit
 from dofbench.scenes.depth.depthnet import MEAN, MULTIPLE, STD, load_folded
 from dofbench.scenes.depth.network import Network, find_network, sampled, side_file
@@ -132,7 +132,7 @@ def fixed_threads() -> Iterator[None]:
 
 
 def predicted_depth(
-    network: nn.Module, training_set: TrainingSet, known: Sequence[DepthMap] | None, *, progress: Progress = silent
+    network: nn.Module, training_set: TrainingSet, known: Sequence[DepthMap] | None, *, progress: Update = silent
 ) -> list[DepthMap]:
     """Predict a depth map for every view, scaled by the median ratio of its known depth to the network's, if any.
 
@@ -262,7 +262,7 @@ def tune(
     steps: int,
     loss: str,
     seed: int,
-    progress: Progress = silent,
+    progress: Update = silent,
 ) -> None:
     """Tune the network in place to the views' known depth and the sparse points.
 

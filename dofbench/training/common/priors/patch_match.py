@@ -13,7 +13,7 @@ import numpy as np
 from dofbench.core.cameras import NO_OFFSET, Camera
 from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import InputError
-from dofbench.core.time_left import Progress, silent
+from dofbench.core.progress import Update, silent
 from dofbench.scenes.depth_files import read_depth
 from dofbench.scenes.local_frame import local_offset
 from dofbench.scenes.ply import read_ply
@@ -25,7 +25,7 @@ SAME_DEPTH = 0.02  # relative: a fused point is a mean over views, and within th
 _ALIKE = 0.01  # relative difference of distances between cameras up to which two sets of poses agree up to a scale
 
 
-def workspace_depth(folder: Path, training_set: TrainingSet, *, progress: Progress = silent) -> list[DepthMap]:
+def workspace_depth(folder: Path, training_set: TrainingSet, *, progress: Update = silent) -> list[DepthMap]:
     """One map per training view, scene units, 0 where fusion kept no point.
 
     folder: with sparse/, stereo/depth_maps/ and fused.ply. Views are found by name, without suffix. The workspace's

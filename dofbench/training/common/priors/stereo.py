@@ -18,7 +18,7 @@ from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import InputError
 from dofbench.core.images import resize
 from dofbench.core.masks import shrunk_mask
-from dofbench.core.time_left import Progress, silent
+from dofbench.core.progress import Update, silent
 from dofbench.runtime.ops import load
 from dofbench.training.common.depth import DepthMap, all_disparities
 
@@ -57,7 +57,7 @@ class _Swept:
 
 
 def stereo_depth(
-    training_set: TrainingSet, *, coarser: int = 0, device: str = "cpu", progress: Progress = silent
+    training_set: TrainingSet, *, coarser: int = 0, device: str = "cpu", progress: Update = silent
 ) -> list[DepthMap]:
     """One map per view: z, 0 where no depth was found or confirmed, and a weight of 0 ... 1.
 
@@ -91,7 +91,7 @@ def _matched(
     neighbours: list[list[int]],
     bounds: tuple[float, float],
     size: str,
-    progress: Progress,
+    progress: Update,
 ) -> list[DepthMap]:
     """Maps at the size of the pyramids' first level. size: its name in progress messages."""
     swept, cameras = [], [levels[0][1] for levels in pyramids]
