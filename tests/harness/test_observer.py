@@ -14,6 +14,7 @@ from tolerances import ONE_STEP
 from dofbench.core.budget import Budget
 from dofbench.core.clock import Stopwatch
 from dofbench.core.errors import Status
+from dofbench.core.progress import Silent
 from dofbench.running.observer import CURVE_FACTOR, CURVE_POINTS, TrainingObserver
 
 
@@ -28,7 +29,7 @@ class ManualClock(Stopwatch):
 
 
 def observer(budget: Budget, clock: Stopwatch | None = None, evaluate=lambda: {"psnr": 1.0}) -> TrainingObserver:
-    return TrainingObserver(budget, clock or ManualClock(), Stopwatch(), evaluate, lambda *_: None)
+    return TrainingObserver(budget, clock or ManualClock(), Stopwatch(), evaluate, Silent())
 
 
 def train(watch: TrainingObserver, clock: ManualClock | None = None, seconds_a_step: float = 0.0) -> int:
@@ -89,7 +90,7 @@ def test_evaluation_takes_no_longer_than_training_or_ten_seconds(
         evaluating.now += each
         return {}
 
-    watch = TrainingObserver(Budget(steps=1000), clock, evaluating, slow, lambda *_: None)
+    watch = TrainingObserver(Budget(steps=1000), clock, evaluating, slow, Silent())
     train(watch, clock, seconds_a_step)
     watch.finish(1000)
     steps = [point.steps for point in watch.curve]
@@ -108,7 +109,7 @@ def test_the_clock_stands_still_while_it_evaluates() -> None:
         time.sleep(0.05)
         return {}
 
-    watch = TrainingObserver(Budget(steps=3), clock, evaluating, slow, lambda *_: None)
+    watch = TrainingObserver(Budget(steps=3), clock, evaluating, slow, Silent())
     with clock.running():
         train(watch)
     assert evaluating.wall >= 0.05 > clock.wall
