@@ -226,7 +226,7 @@ def test_nothing_runs_twice(ablate) -> None:
     _, first, _, _ = ablate(table="noise,again")
     assert len(first) == 6  # the row of the second table is also in the first
     _, again, said, out = ablate(table="noise,again")
-    assert again == [] and "6 of them are finished" in said
+    assert again == [] and "6 runs, 6 of them cached" in said
     assert [row["row"] for row in table_rows((out / "again.md").read_text(), "waves")] == ["as in the other"]
     _, more, _, _ = ablate(seeds=3)
     assert len(more) == 3 and all("seed2" in name for name in more)
@@ -299,7 +299,7 @@ def test_code_that_changes_meanwhile_is_named(ablate, tmp_path: Path, monkeypatc
 
     monkeypatch.setattr(Here, "run", changing)
     good, _, said, out = ablate(table="again")
-    assert not good and "changed since the call began" in said
+    assert not good and "fake-quick-seed0" in said and "changed" in said
     assert table_rows((out / "again.md").read_text(), "waves")[0]["PSNR [dB] ↑"].startswith("not run yet")
 
 
@@ -308,7 +308,7 @@ def test_sharp_inputs_leave_the_lens_out_unless_forced(ablate) -> None:
     page = (out / "sharp.md").read_text()
     assert len(made) == 2
     planned, forced = table_rows(page, "Rows")
-    assert planned["disabled by the plan"].startswith("lens: the photographs show circles of confusion of up to 0.1")
+    assert planned["disabled by the plan"].startswith("lens: estimated CoC radius up to 0.1")
     assert planned["disabled by the plan"].endswith("; normals: a fake has none")
     assert forced["disabled by the plan"] == "normals: a fake has none"
     shown = table_rows(page, "waves")
@@ -343,7 +343,7 @@ def test_a_dry_run_runs_nothing(ablate, tmp_path: Path) -> None:
     assert "to be run, for noise more: dofbench run --method fake" in said and "--set noise=0.8" in said
     ablate(seeds=1)
     _, _, said, _ = ablate(dry_run=True)
-    assert said.count("finished, for noise") == 3 and re.search(r"about \d+ s to go", said)
+    assert said.count("cached, for noise") == 3 and re.search(r"about \d+ s to go", said)
 
 
 def test_options_for_every_row(ablate, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ def test_strings_become_the_options_type():
 @pytest.mark.parametrize(
     ("name", "value", "part"),
     [
-        ("stepz", 1, "unknown name"),
+        ("stepz", 1, "did you mean steps"),
         ("steps", "many", "a number"),
         ("steps", "1.5", "a number"),
         ("steps", 1.5, "whole"),
@@ -43,7 +43,7 @@ def test_a_bad_override_is_one_clear_line(name, value, part):
 def test_an_unknown_name_is_told_all_that_there_are():
     with pytest.raises(InputError) as caught:
         GaussianOptions().with_overrides({"lens.activation": "ends"}, "FILE: rendering")
-    assert str(caught.value).startswith("FILE: rendering lens.activation")
+    assert str(caught.value).startswith("FILE: rendering: found 'lens.activation'")
     assert all(name in str(caught.value) for name in GaussianOptions().flat())
 
 
