@@ -153,7 +153,7 @@ def test_a_video_is_looked_at_before_anything_is_promised(desk: Path, tmp_path: 
 
 
 def test_from_photographs_to_a_page_and_again(desk: Path):
-    said = dofbench(desk, *CALL)
+    said = dofbench(desk, *CALL, "--verbose")
     place = desk / "results/photographs/my desk"
     assert (place / "my desk/sparse/0/points3D.bin").is_file() and (place / "my desk-96/dataset.json").is_file()
     assert (place / "report/report.html").is_file() and (place / "report/leaderboard.md").is_file()
@@ -162,16 +162,16 @@ def test_from_photographs_to_a_page_and_again(desk: Path):
     assert result.scores["steps"] == 12 and result.scores["photo_psnr"] > 5
     assert (folder / "model/gaussians.ply").is_file()
     assert "every 8th held back" in said
-    # The scene is called after the folder, and what training decided is said, on the terminal and on the page.
+    # The scene is called after the folder, and the plan's decisions are on the terminal and on the page.
     assert result.spec.dataset == "my desk"
     reason = next(stage["reason"] for stage in result.plan["stages"] if stage["name"] == "sparse_depth")
-    assert f"stage sparse_depth: runs: {reason}" in said
+    assert f"sparse depth: on ({reason})" in said
     assert str(escape(reason)) in (place / "report/report.html").read_text()
     # The page doesn't include other results below the same folder.
     other = desk / "results/another" / folder.name
     shutil.copytree(folder, other)
     again = dofbench(desk, *CALL)
-    assert "up to date" in again and "reusing it" in again and "there already" in again
+    assert "up to date" in again and "cached result" in again and "there already" in again
     assert (place / "report/leaderboard.md").read_text().count(f"| {result.key[:8]} |") == 1
 
 
@@ -184,7 +184,7 @@ def test_from_photographs_to_a_page_and_again(desk: Path):
         (("--photographs", "one", "--dry-run"), "one: found one photograph, expected at least 3"),
         (("--photographs", "none", "--dry-run"), "none: found 0 photographs, expected at least 3"),
         (("--photographs", "notes.txt", "--dry-run"), "a file that is no video"),
-        (("--photographs", "my desk", "--set", "nonsense=1"), "option nonsense: found an unknown name"),
+        (("--photographs", "my desk", "--set", "nonsense=1"), "option: found 'nonsense'"),
         (("--photographs", "my desk", "--inputs", "all-in-focus"), "--set lens=false leaves out the lens"),
         (("--photographs", "my desk", "--out", "my desk/results"), "a folder outside of my desk"),
     ],
