@@ -184,7 +184,7 @@ def test_a_class_that_cannot_be_loaded_leaves_the_rest(fakes: Path, said, code: 
 
 def test_the_program_lists_them_without_loading_any() -> None:
     script = (
-        "import sys; from dofbench import cli; status = app.main(['methods'])\n"
+        "import sys; from dofbench.cli import app; status = app.main(['methods'])\n"
         "print('loaded', [name for name in ('torch', 'numba', 'cv2', 'pycolmap') if name in sys.modules])\n"
         "sys.exit(status)"
     )
