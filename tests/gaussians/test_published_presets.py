@@ -129,7 +129,7 @@ def test_eq_5_of_a_learned_lens_in_the_paper_s_units() -> None:
     aperture, focus = physical.aperture, physical.focus_depth
     assert aperture == pytest.approx(0.02 * camera.width * 0.80001 / state.range.extent, rel=FLOAT32_SCALAR)
     for depth in (3.0, 4.5, 6.0):
-        found = abs(float(shot.radius(torch.tensor(1 / depth, dtype=torch.float64)).detach()))
+        found = abs(float(shot.radius(torch.tensor(1 / depth)).detach()))
         assert found == pytest.approx(aperture * abs(1 / focus - 1 / depth), abs=FLOAT32_VALUE)
 
 
