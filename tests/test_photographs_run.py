@@ -181,7 +181,7 @@ def test_shallow_photographs_alone_are_scored_by_half_of_each(
     data, results, report = tmp_path / "data", tmp_path / "results", tmp_path / "report"
     assert app.main(["make-dataset", str(blurred), "--photographs", "shallow", "--out", str(data)]) == 0
     assert app.main(["check", str(data)]) == 0
-    assert app.main(training(data, 8, results)) == 0
+    assert app.main([*training(data, 8, results), "--verbose"]) == 0
     plan = capsys.readouterr().out
     assert "photographs-v1" in plan and "scores photo_psnr, photo_ssim, photo_blur_psnr" in plan
     (file,) = results.rglob("result.json")
