@@ -1,14 +1,18 @@
-"""Cameras, points and scenes made up for tests, and an observer of a training."""
+"""Cameras, points and scenes made up for tests, an observer of a training, and a record of called ops."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
+from dofbench.runtime import ops as kernels
 from dofbench.scenes.scene import Scene, SceneView
 
 
@@ -79,6 +83,19 @@ class Recorder:
 
     def stage(self, name: str, done: int, total: int) -> None:
         """Nothing is shown of it."""
+
+
+def record_ops(monkeypatch: pytest.MonkeyPatch) -> set[str]:
+    """The kernel ops that are called from now on; the set grows with the calls."""
+    called: set[str] = set()
+
+    def implementation(op: str, backend: str, **tensors: Any) -> Any:
+        called.add(op)
+        return kernels.implementation(op, backend, **tensors)
+
+    for op in kernels.ops():
+        monkeypatch.setattr(import_module(f"{kernels.__name__}.{op}.op"), "implementation", implementation)
+    return called
 
 
 def ply_text(xyz):
