@@ -84,8 +84,8 @@ def sizes8(log_scales, filter_3d, i):
     f = load8(filter_3d, i)
     f2 = f * f
     # The square of a scale below 1e-19 underflows in float32; the filtered scale must not become smaller than the
-    # scale.
-    return s0, s1, s2, max8(sqrt8(s0 * s0 + f2), s0), max8(sqrt8(s1 * s1 + f2), s1), max8(sqrt8(s2 * s2 + f2), s2)
+    # scale. In this order a NaN of the filter reaches the check of what is projected.
+    return s0, s1, s2, max8(s0, sqrt8(s0 * s0 + f2)), max8(s1, sqrt8(s1 * s1 + f2)), max8(s2, sqrt8(s2 * s2 + f2))
 
 
 @njit(forceinline=True)

@@ -67,7 +67,7 @@ def test_photographs_say_what_they_are(dataset: Path) -> None:
         encoded = read_image(dataset / "images" / f"{record['name']}.png")
         assert psnr(encode(linear), encoded) > 50
     text = (dataset / "README.md").read_text()
-    assert "rendered through a real thin lens" in text and "to within the rounding" not in text
+    assert "rendered through a thin lens" in text and "to within the rounding" not in text
     assert "--renderer thinlens --lens-samples 128" in text
 
 

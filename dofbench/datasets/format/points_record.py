@@ -59,8 +59,8 @@ def points_in_words(record: PointsRecord | None) -> str:
 def _origin(record: PointsRecord) -> str:
     if record.origin == "triangulation":
         return (
-            f"Points are triangulated between the {_IMAGES[record.photographs]} of the training views alone; poses are "
-            f"given: {_poses(record)}."
+            f"Points are triangulated between the {_IMAGES.get(record.photographs, 'images')} of the training views "
+            f"alone; poses are given: {_poses(record)}."
         )
     if record.origin == "rendered scene":
         return (
