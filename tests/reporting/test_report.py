@@ -75,7 +75,7 @@ def test_a_failed_run_shows_how_it_failed(plain, call, made) -> None:
     shown = {row["preset"]: row for row in table_rows(page, "waves, refocus-v3")}
     assert shown["quick trouble=lost"]["PSNR [dB] ↑"].startswith("diverged[^")
     assert notes(page, shown["quick trouble=lost"]["PSNR [dB] ↑"]) == "loss is nan at step 3"
-    assert notes(page, shown["quick trouble=crash"]["δ_A ↓"]) == "RuntimeError: something broke"
+    assert notes(page, shown["quick trouble=crash"]["δ_A ↓"]).startswith("RuntimeError: something broke (")
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
