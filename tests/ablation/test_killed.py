@@ -58,7 +58,7 @@ def test_killed_in_the_middle_it_goes_on(command: list[str], tmp_path: Path) -> 
     done = called(command)
     # The process of one row is killed each time; the other rows are complete, and finished runs weren't repeated.
     assert done.returncode == 1, done.stderr
-    assert "3 runs; 1 of them are finished" in done.stdout
+    assert "3 runs, 1 of them cached" in done.stdout
     assert "killed by signal 9" in done.stderr
     assert (kept.stat().st_mtime_ns, kept.read_bytes()) == before
     assert len(list(results.rglob("result.json"))) == 2

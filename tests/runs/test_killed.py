@@ -101,7 +101,7 @@ def test_killed_at_every_moment_it_goes_on(command: list[str], tmp_path: Path) -
     # A training that was over and kept isn't repeated: seed 1 died after its model was saved but not yet noted down.
     assert counts(tmp_path)["trained 2"] == 1
     again = called(command)
-    assert again.returncode == 0 and "3 of them are finished" in again.stdout and finished(tmp_path) == kept
+    assert again.returncode == 0 and "3 of them cached" in again.stdout and finished(tmp_path) == kept
 
 
 @pytest.mark.slow
@@ -115,7 +115,7 @@ def test_two_commands_at_once_share_the_work(command: list[str], tmp_path: Path)
         "trained 2": 1,
     }
     assert len(finished(tmp_path)) == 3
-    assert all("3 of 3 runs are done and ok" in one for one in said)
+    assert all("3 of 3 runs ok" in one for one in said)
 
 
 @pytest.mark.slow
