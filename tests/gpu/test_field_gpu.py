@@ -135,7 +135,7 @@ def test_wrong_tensors_of_features() -> None:
     density, colour, points = torch.zeros(SMALL.density_size), torch.zeros(SMALL.colour_size), torch.zeros(4, 3)
     for wrong, expected in (
         ((colour[1:], colour, points), "field_features density"),
-        ((density, colour.double(), points), "field_features colour"),
+        ((density, colour.double(), points), "field colour"),
         ((density, colour, points[:, :2]), "field_features points"),
     ):
         with pytest.raises(ValueError, match=expected):
