@@ -1,4 +1,4 @@
-"""Rendering from several points of a lens: shifted records, and joined lists."""
+"""Rendering from several aperture samples: shifted records, and joined lists."""
 
 from __future__ import annotations
 

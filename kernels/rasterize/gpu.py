@@ -3,7 +3,7 @@
 Stages: project (gpu_project, gpu_color), list each tile's Gaussians (gpu_lists, gpu_tiles), blend (gpu_blend). The
 backward pass blends front to back a second time, writes one small record for each intersection of a Gaussian with a
 tile, and sums these records in a fixed order (gpu_gradient). It uses no atomics, so every run gives the same bits.
-Several points of a lens are images next to each other with more tiles; projection and its gradient are shared.
+Several aperture samples are images next to each other with more tiles; projection and its gradient are shared.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ BLACK, POINTS = 28, 32
 class Settings:
     """The arguments that aren't differentiated, in the form that the kernels need.
 
-    points: (P, 2) points of the lens, None for its centre alone. view: the numbers of the view and its points, on the
+    points: (P, 2) aperture samples, None for its centre alone. view: the numbers of the view and its points, on the
     device. views: how many images are drawn. columns, rows: of tiles in an image.
     """
 

@@ -82,7 +82,7 @@ def project_and_list(
         if int(counts[worst, 0]) == BAD:
             raise explain(worst, parameters, settings.filter_3d, blur, radius)
         found = f"{total} places where Gaussians meet tiles"
-        raise InputError("kernel rasterize", found, f"fewer than {BAD}: fewer Gaussians, pixels or points of the lens")
+        raise InputError("kernel rasterize", found, f"fewer than {BAD}: fewer Gaussians, pixels or aperture samples")
     tiles = settings.columns * settings.rows * views
     # A radix sort's time goes with the length of its keys.
     kind = torch.int16 if tiles < 2**15 else torch.int32

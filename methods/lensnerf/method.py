@@ -27,7 +27,7 @@ class LensRayOptions:
     """How a lens is sampled."""
 
     lens_points: int = 9
-    """Rays from points of the lens that a pixel is mixed from. Unit: none. Source: LensNeRF, 3 x 3."""
+    """Rays from aperture samples that a pixel is mixed from. Unit: none. Source: LensNeRF, 3 x 3."""
 
     def __post_init__(self) -> None:
         if self.lens_points < 1:
@@ -35,7 +35,7 @@ class LensRayOptions:
 
 
 class LensRays(RayModel):
-    """A pixel is the mean of rays from points of the lens, which meet in the plane of focus (Cook et al., 1984)."""
+    """A pixel is the mean of rays from aperture samples, which meet in the plane of focus (Cook et al., 1984)."""
 
     stage = "lens rays"
     kernels = ("adam", "tone")

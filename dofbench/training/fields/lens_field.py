@@ -49,7 +49,7 @@ class LensRenderingOptions:
     """How finely a lens is sampled in a photograph that is rendered."""
 
     render_points: int = 16
-    """Rays from points of the lens that a pixel of a rendered photograph is mixed from. Unit: none. Source: own."""
+    """Rays from aperture samples that a pixel of a rendered photograph is mixed from. Unit: none. Source: own."""
 
     def __post_init__(self) -> None:
         if self.render_points < 1:

@@ -32,7 +32,7 @@ class BlurOptions:
 
     lens_model: Literal["scatter", "samples"] = "scatter"
     """How the lens blurs: scatter spreads the pixels of the sharp rendering; samples rasterises the scene as seen from
-    points of the lens, with the occlusion that comes with it. Unit: none. Source: scatter: Algorithm 1; samples:
+    aperture samples, with the occlusion that comes with it. Unit: none. Source: scatter: Algorithm 1; samples:
     own."""
     lens_gamma: float = GAMMA
     """Exponent that turns encoded colours into linear light, in which the blur is computed. Unit: none. Source:

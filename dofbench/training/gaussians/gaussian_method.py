@@ -44,7 +44,7 @@ NEAR_PLANE = "near"  # recorded with them; not an option
 _CONVENTIONS = {
     "blur": "of colours raised to lens_gamma; lens_model scatter: each pixel of the sharp image is spread evenly over "
     "its disc, or polygon of lens_blades sides, with a rim of softness 1 / lens_alpha, its weight divided by "
-    "the area unless lens_energy is algorithm1; lens_model samples: the scene as seen from points of the lens",
+    "the area unless lens_energy is algorithm1; lens_model samples: the scene as seen from aperture samples",
     "filter_2d": "pixels^2, added to every footprint's covariance, opacity times sqrt(det before / det after)",
     "near": "scene units: a Gaussian whose centre isn't farther than this in z isn't drawn",
     "background": "grey level behind the scene, encoded like the colours",
