@@ -135,8 +135,8 @@ def test_a_peer_draws_the_same_picture_from_what_it_is_given(
         (fx, _, cx), (_, fy, cy), _ = Ks[0].tolist()
         camera = Camera(width, height, fx, fy, cx, cy, np.array(viewmats[0].tolist()))
         seen = load("rasterize", "reference")(
-            means, scales.log(), quats, opacities.logit(), colors[:, 0], colors[:, 1:], camera=camera,
-            near=near_plane, filter_2d=eps2d, sh_degree=sh_degree,
+            means, scales.log(), quats, opacities.logit(), colors[:, 0].contiguous(), colors[:, 1:].contiguous(),
+            camera=camera, near=near_plane, filter_2d=eps2d, sh_degree=sh_degree,
         )  # fmt: skip
         return torch.cat([seen.color, seen.depth[..., None]], 2)[None], seen.alpha[None, ..., None], {}
 

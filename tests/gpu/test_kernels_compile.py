@@ -1,4 +1,8 @@
-"""Every kernel of training compiles for GPUs that aren't here, spills nothing, and fills them as far as is listed."""
+"""Training's kernels compile for a GPU that isn't here, spill nothing, and reach the listed occupancy.
+
+One architecture, the GPU of the published measurements: three take nine minutes. `python -m benchmarks.gpu.kernels`
+compiles for all of them.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +19,15 @@ from dofbench.runtime.ops import backends, ops
 ROOT = Path(__file__).resolve().parents[2]
 
 
+ARCHITECTURE = "90"
+
+
 @pytest.mark.slow
-def test_all_kernels_compile_for_three_architectures(tmp_path: Path) -> None:
+def test_all_kernels_compile_ahead_of_time(tmp_path: Path) -> None:
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     environment = {**os.environ, "PYTHONPATH": path, "TRITON_INTERPRET": "0"}  # compiled, as on a GPU
     made = subprocess.run(
-        [sys.executable, "-m", "benchmarks.gpu.kernels", "--out", str(tmp_path)],
+        [sys.executable, "-m", "benchmarks.gpu.kernels", "--out", str(tmp_path), "--architectures", ARCHITECTURE],
         capture_output=True,
         text=True,
         env=environment,
@@ -28,9 +35,8 @@ def test_all_kernels_compile_for_three_architectures(tmp_path: Path) -> None:
     assert made.returncode == 0, made.stderr  # names what spills, or is below half occupancy without a reason
     rows = list(csv.DictReader((tmp_path / "kernels.csv").open(encoding="utf-8")))
     assert {row["op"] for row in rows} == {op for op in ops() if "gpu" in backends(op)}
-    for architecture in ("80", "90", "100"):
-        assert {row["op"] for row in rows if row["architecture"] == architecture} == {row["op"] for row in rows}
     assert {row["spilled"] for row in rows} == {"0"}
     published = list(csv.DictReader((ROOT / "reports" / "gpu" / "kernels.csv").open(encoding="utf-8")))
+    published = [row for row in published if row["architecture"] == ARCHITECTURE]
     key = ("op", "kernel", "constants", "architecture")
     assert {tuple(row[name] for name in key) for row in rows} == {tuple(row[name] for name in key) for row in published}
