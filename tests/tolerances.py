@@ -175,7 +175,7 @@ PATTERN_SCALE = 0.02
 # What few lens points miss of a blur's effect: before a plane five miss 3 %, by their transfer function; where one
 # surface hides another each of them decides over a fifth of the light.
 FEW_POINTS = 0.14
-# Five to 37 points of the lens with Gaussian cells against a disc, one textured plane, mean over encoded pixels.
+# Five to 37 aperture samples with Gaussian cells against a disc, one textured plane, mean over encoded pixels.
 SAMPLED_PLANE = 4e-3
 # Light of a blurred background on a sharp foreground that hides it, encoded, where it should be none.
 LENS_SMEAR = 5e-2
@@ -274,7 +274,7 @@ AT_A_THRESHOLD = 1e-3
 SAMPLED_DISC = 0.01
 # A point about 5 scene units from a camera, by float32 places and directions: some roundings of 3e-7.
 FLOAT32_POINT = 1e-5
-# A field's lens after 400 steps with 16 random points of the lens a pixel: at the end Adam still walks by its rate,
+# A field's lens after 400 steps with 16 random aperture samples a pixel: at the end Adam still walks by its rate,
 # 0.01, a few steps of one direction long.
 LENS_FOUND_BY_RAYS = 0.05
 # The mean of x^2 over a disc, between the pixels of a small picture: it has some hundred points a pixel, and a sum over

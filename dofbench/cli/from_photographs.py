@@ -29,7 +29,7 @@ from dofbench.scenes.reconstruction.photograph_source import find_source
 from dofbench.scenes.reconstruction.reconstruct_options import Reconstruct
 
 WIDTH = 504  # px: small enough to train in minutes on two cores, and the width at which LLFF's scores are published
-HOLD = 8  # one photograph in HOLD is held back, to be predicted and scored
+HOLD = 8  # one photograph in HOLD is held out, to be predicted and scored
 
 # Seconds on two cores of a shared machine (docs/own-photographs.md): other machines may take half or twice as long.
 _PHOTOGRAPH, _MEGAPIXEL = 0.5, 2.5  # features, mapping and undistortion: per photograph, and per megapixel
@@ -93,7 +93,7 @@ def check_runs(runs: Sequence[RunSpec]) -> None:
             raise InputError(
                 "--inputs",
                 f"{run.inputs} with --photographs",
-                "the photographs as they are; where all are sharp, --set lens=false leaves out the lens",
+                "the photographs as they are; where all are sharp, --set lens=false disables the lens",
             )
         choose(_on_data(run)).check_options()
 
@@ -113,7 +113,7 @@ def dataset_of_photographs(own: Own, width: int | None, console: Console) -> Pat
     views = load_scene(own.scene).views
     wide = min(width or WIDTH, min(view.camera.width for view in views))
     data = own.dataset(wide)
-    say(console, f"dataset of {len(views)} photographs, {wide} px wide, every {HOLD}th held back: {data}")
+    say(console, f"dataset of {len(views)} photographs, {wide} px wide, every {HOLD}th held out: {data}")
     make_dataset(MakeDataset(scene=str(own.scene), photographs="shallow", width=wide, hold=HOLD, out=data))
     return data
 
@@ -154,7 +154,7 @@ def outlook(own: Own, runs: Sequence[RunSpec], width: int | None) -> list[str]:
             continue
         seconds = known_seconds
         total += seconds
-        known = ", unless it is finished already" if finished else ""
+        known = ", less if cached" if finished else ""
         lines.append(f"{run.method}, seed {run.seed}: about {_minutes(seconds)}{known}")
     return [*lines, f"together about {_minutes(total)} on two cores, half or twice that elsewhere; {_COMPILING}"]
 

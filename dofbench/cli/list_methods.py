@@ -63,7 +63,7 @@ def _one_method(entry: MethodEntry) -> tuple[list[str], bool]:
         ]
     )
     lines += ["", "Presets (--preset NAME)", *_presets(entry)]
-    lines += _left_out(card)
+    lines += _skippable(card)
     lines += _kernels(card)
     options, whole = _options(entry)
     lines += ["", "Options (--set NAME=VALUE)", *options, "", "Figures published by the authors, on their own data"]
@@ -99,8 +99,8 @@ def _frozen_words(entry: MethodEntry, preset: str) -> str:
     return f"frozen at {frozen.commit[:12]}" + ("" if same else ", and changed since")
 
 
-def _left_out(card: Card) -> list[str]:
-    """Lines with the options that the plan sets to leave out a stage; none if the method has no such stage."""
+def _skippable(card: Card) -> list[str]:
+    """Lines with the options that the plan sets to skip a stage; none if the method has no such stage."""
     switches = {name: stage.switch for name, stage in card.stages_in_order() if stage.switch is not None}
     if not switches:
         return []

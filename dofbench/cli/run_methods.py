@@ -49,7 +49,8 @@ def _run_photographs(settings: Runs, source: Path, console: Console, executor: E
     cells = settings.cells()
     check_runs(cells)
     own = find_own(source, settings.out)
-    for line in outlook(own, cells, settings.width):
+    expected = outlook(own, cells, settings.width)
+    for line in expected if settings.dry_run or settings.verbose else expected[-1:]:
         say(console, line)
     if settings.dry_run:
         return True

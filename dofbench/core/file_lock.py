@@ -21,7 +21,7 @@ _NONE_HERE = {errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS}
 
 
 class Lock(Enum):
-    """What became of asking for a lock. `NONE`: there are no locks here, so nobody knows."""
+    """What became of asking for a lock. `NONE`: there are no locks here, so it is unknown."""
 
     OURS = "ours"
     THEIRS = "another process has it"

@@ -11,7 +11,7 @@ from dofbench.core.files import replacing
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Okabe and Ito's palette, which can be distinguished with every kind of colour blindness (yellow is left out: too pale
+# Okabe and Ito's palette, which can be distinguished with every kind of colour blindness (without yellow: too pale
 # on white). Line styles change too, for grey prints and for more than seven methods.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", "-.", ":")

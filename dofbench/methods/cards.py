@@ -74,7 +74,7 @@ class Costs(_Strict):
 
 
 class StageCard(_Strict):
-    """A part of the method that a plan may leave out.
+    """A part of the method that a plan may skip.
 
     decided_by: the decider that says whether the data need it (one of `stage_deciders.DECIDERS`). option:
     the option by which it is switched; a user who sets it has decided. off: its value that leaves the stage out;
@@ -90,7 +90,7 @@ class StageCard(_Strict):
 
     @property
     def switch(self) -> dict[str, Any] | None:
-        """The options that leave the stage out; None where it can't be left out."""
+        """The options that skip the stage; None where it can't be skipped."""
         return None if self.option is None or self.off is None else {self.option: self.off, **self.also}
 
 
@@ -105,7 +105,7 @@ class Card(_Strict):
     builtin_preset: the preset of a run without a dataset, which shows the whole on the built-in one;
     without it, default_preset.
     gpu_preset: the preset of a run on a GPU; without it, default_preset. The built-in dataset's comes first.
-    stages: name -> a part of the method that a plan may leave out where the data don't need it.
+    stages: name -> a part of the method that a plan may skip where the data don't need it.
     trials: the option that names, with commas between, what training tries out for itself.
     costs: what its default preset's training takes.
     elsewhere: it trains and renders in another program, so there is nothing to warm up, no curve and no speed.

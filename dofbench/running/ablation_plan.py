@@ -11,12 +11,12 @@ from typing import Any
 from dofbench.core.errors import InputError
 from dofbench.core.evidence import Photographer, Role
 from dofbench.core.files import canonical_json, sha256_text
-from dofbench.datasets.format.dealing import Dealt
+from dofbench.datasets.format.assignment import Assignment
 from dofbench.evaluation.results.columns import lens_words
 from dofbench.evaluation.results.run_spec import RunSpec, parse_overrides
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_tables import TUNING, Declaration, Row, Table, chosen_tables
-from dofbench.running.data_plan import dealt_lenses
+from dofbench.running.data_plan import assigned_lenses
 from dofbench.running.plan import Plan, different_datasets, make_plan
 
 
@@ -28,7 +28,7 @@ class Source:
     folder: Path
     label: str
     scene: str
-    assign: Dealt
+    assign: Assignment
     lenses: str
     role: Role | None
     photographer: Photographer
@@ -135,7 +135,7 @@ def _sources(folders: tuple[Path, ...]) -> tuple[Source, ...]:
     for folder, dataset in zip(folders, datasets, strict=True):
         alone = names[dataset.name] == 1
         label = dataset.name if alone else f"{dataset.name} ({folder})"
-        lenses = lens_words(dealt_lenses(dataset))
+        lenses = lens_words(assigned_lenses(dataset))
         found.append(Source(folder, label, dataset.scene, dataset.assign, lenses, dataset.role, dataset.photographer))
     roles = {source.role for source in found}
     if "report" in roles and len(roles) > 1:

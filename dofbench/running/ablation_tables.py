@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from dofbench.core.errors import InputError, unknown
 from dofbench.core.readable import read_toml
-from dofbench.datasets.format.dealing import Dealt
+from dofbench.datasets.format.assignment import Assignment
 from dofbench.datasets.format.inputs import Inputs
 from dofbench.evaluation.results.columns import COLUMNS, HELD_OUT
 from dofbench.methods.cards import find_method
@@ -48,7 +48,7 @@ class Table(_Strict):
     columns: scores by id (`evaluation.results.columns`). switches: columns that say what a row has. reference: label
     of the row that the others are compared with. source: where the paper's figures stand; paper_data: what they were
     measured on. inputs: as of `dofbench run`; one for all rows, as protocols never share a table. assign: it takes
-    the datasets whose lenses are dealt so (`make-dataset --assign`), or unknown, and no others; held-out ones stand
+    the datasets whose lenses are assigned so (`make-dataset --assign`), or unknown, and no others; held-out ones stand
     alone.
     """
 
@@ -61,7 +61,7 @@ class Table(_Strict):
     source: str = ""
     paper_data: str = ""
     inputs: Inputs = "shallow"
-    assign: tuple[Dealt, ...] = Field(("per-view", "continuous", "fixed", "unknown"), min_length=1)
+    assign: tuple[Assignment, ...] = Field(("per-view", "continuous", "fixed", "unknown"), min_length=1)
     rows: tuple[Row, ...] = Field(min_length=1)
 
     @model_validator(mode="after")

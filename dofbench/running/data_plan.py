@@ -47,7 +47,7 @@ class Stage:
 class DataPlan:
     """The part of a plan that depends on the dataset.
 
-    options: of the method. facts: measured on the training views. lenses: as `dealt_lenses`. points: where the
+    options: of the method. facts: measured on the training views. lenses: as `assigned_lenses`. points: where the
     dataset's points and poses come from; None if unknown. columns: scores to measure. left_out: skipped scores, with
     the reason. masked: share of excluded pixels by split; empty for a dataset without masks.
     """
@@ -100,7 +100,7 @@ def masked_shares(dataset: BenchmarkDataset) -> dict[str, float]:
     return shares
 
 
-def dealt_lenses(dataset: BenchmarkDataset) -> dict[str, Any]:
+def assigned_lenses(dataset: BenchmarkDataset) -> dict[str, Any]:
     """The dataset's assignment of lenses ("assign"), and by split ("train", "test") view -> [A, F], None for an unknown
     lens; as plain data."""
     dealt = {
@@ -160,7 +160,7 @@ def plan_for_data(
         train_views=len(train),
         test_views=len(test),
         facts=facts,
-        lenses=dealt_lenses(dataset),
+        lenses=assigned_lenses(dataset),
         points=dataset.points_record,
         stages=tuple(stages),
         columns=tuple(column for column in every if column not in left_out),

@@ -38,7 +38,7 @@ class TrainingObserver:
     After the first step, and whenever the share of the budget that is spent passes one of the
     thresholds `CURVE_FACTOR ** -k`, it stops the clock and evaluates: the same points on a log axis
     whether the budget is in steps or in seconds. Where all of them would take longer than half the training, as with
-    fields that are seen through a lens ray by ray, the earlier ones are left out. A non-finite loss ends the training
+    fields that are seen through a lens ray by ray, the earlier ones are skipped. A non-finite loss ends the training
     as diverged.
 
     evaluate: scores of the method as it is now, by column.

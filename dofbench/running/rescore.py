@@ -86,7 +86,7 @@ def _score_folder(folder: Path, data: Path | None, columns: Sequence[str]) -> Sc
     try:
         run = load_run(folder, data)
         if run.result.status is not Status.OK:
-            return [f"left out, as its run ended {run.result.status}"]
+            return [f"skipped, because its run ended {run.result.status}"]
         with run_lease(folder, run.result.spec, run.result.scene, timestamp()):
             found = score_result(run, columns)
             _keep(run, found)
@@ -208,7 +208,7 @@ def _no_rendering(run: LoadedRun) -> str:
         return f"this code can't render the kept model: {' '.join(f'{type(error).__name__}: {error}'.split())}"
     kept = run.folder / "predictions" / "all_in_focus" / f"{view.name}.png"
     if not kept.is_file():
-        return "without a kept picture nobody knows whether this code renders the kept model as then"
+        return "without a kept picture it is unknown whether this code still renders the kept model the same"
     before, now = to_8bit(read_image(kept)).astype(int), to_8bit(picture).astype(int)
     if before.shape != now.shape or np.abs(before - now).max() > SAME_LEVELS:
         return "this code renders the kept model otherwise than the code that trained it"

@@ -109,7 +109,7 @@ class RaySamples:
 
     @staticmethod
     def joined(parts: Sequence[RaySamples]) -> RaySamples:
-        """Those of some rays, then those of others."""
+        """Coordinates of some rays, then of others."""
         if len(parts) == 1:
             return parts[0]
         before = accumulate((len(part.places) for part in parts), initial=0)

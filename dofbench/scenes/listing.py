@@ -167,7 +167,7 @@ def _print_presences(dataset: NamedDataset, presences: Sequence[Presence], root:
         for line in _places(dataset, {scene.label for scene in absent}, root):
             print(f"  put {line}")
     for left_out in dataset.left_out:
-        print(f"  left out: {left_out.scene}: {left_out.why}")
+        print(f"  excluded: {left_out.scene}: {left_out.why}")
 
 
 def _places(dataset: NamedDataset, absent: Set[str], root: Path) -> list[str]:

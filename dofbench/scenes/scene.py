@@ -16,7 +16,7 @@ from dofbench.core.image_files.exif import Exif
 from dofbench.scenes.visibility import unmasked_points
 
 Split = Literal["train", "test"]
-# What a view's image is: all in focus, or taken by a lens with shallow depth of field that nobody knows.
+# What a view's image is: all in focus, or taken by an unknown lens with shallow depth of field.
 Photograph = Literal["all-in-focus", "shallow"]
 # What an alpha channel means: a mask, or the share of what isn't background, which is black.
 Alpha = Literal["mask", "background"]

@@ -93,7 +93,7 @@ class Edges:
 
 
 def brightness(image: np.ndarray) -> tuple[float, float]:
-    """Largest and mean magnitude of (H, W, C). The mean leaves out highlights, which would hide how dark the rest is.
+    """Largest and mean magnitude of (H, W, C). The mean excludes highlights, which would hide how dark the rest is.
 
     Both are 1 if they can't be computed: NaN and infinity appear in the result anyway.
     """

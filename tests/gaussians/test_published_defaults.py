@@ -94,7 +94,7 @@ ADDED = {
     "adaptation_aperture": False,
     "lens_rings_from": 0,
 }
-# What docs/methods.md says: up to seven points of the lens; trials at 35 % of the training, for 3 % of its steps.
+# What docs/methods.md says: up to seven aperture samples; trials at 35 % of the training, for 3 % of its steps.
 OWN = {"lens_rings": 1, "lens_trials_at": 35 / 100, "lens_trials_steps": 3 / 100}
 
 

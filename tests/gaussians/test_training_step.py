@@ -76,7 +76,7 @@ def test_a_bad_gradient_is_named_before_it_reaches_the_gaussians():
     scene = StepRasteriser(state, 1.0, Place(4, "v0"), StageClock())
     raster = scene.rasterise(cameras()[0], "none")
     (raster.color * torch.full_like(raster.color, float("nan"))).sum().backward()
-    with pytest.raises(NonFiniteError, match="step 4, view v0, gradient by the rendering"):
+    with pytest.raises(NonFiniteError, match="step 4, view v0, gradient with respect to the rendering"):
         scene.backward()
     assert state.gaussians.parameters["means"].grad is None
 

@@ -23,7 +23,7 @@ BAD = 0  # view whose turn isn't in the first step
 # The rasteriser asks for the length of its lists, once for a picture or for all points of a lens.
 LISTS = "_local_scalar_dense in gpu_lists.py project_and_list"
 
-# How many points of the lens a photograph needs decides how many pictures are drawn.
+# How many aperture samples a photograph needs decides how many pictures are drawn.
 POINTS_OF_LENS = "_to_copy in lens_pattern.py rings_for"
 
 

@@ -66,8 +66,8 @@ def test_results_of_version_1_agree_with_themselves() -> None:
         (lambda data: data["plan"].update(seed=5), "the plan's seed is 5, the spec's 0"),  # older results have both
         (lambda data: data["protocol"].update(levels=16), "protocol refocus-v3: its levels is not"),
         (lambda data: data["left_out"].update(psnr="why"), "psnr: a score, and a reason why there is none"),
-        (lambda data: data["left_out"].update(lpips=" "), "lpips: left out without a reason"),
-        (lambda data: data["left_out_stages"].update(normals=""), "normals: left out without a reason"),
+        (lambda data: data["left_out"].update(lpips=" "), "lpips: skipped without a reason"),
+        (lambda data: data["left_out_stages"].update(normals=""), "normals: skipped without a reason"),
         (
             lambda data: [view["scores"].pop("ssim") for view in data["views"]] and data["scores"].pop("ssim"),
             "no score ssim, though the plan has it",

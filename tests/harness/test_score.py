@@ -1,4 +1,4 @@
-"""Rescoring finished runs: scores that are added, scores that must come out the same, and scores left out with the
+"""Rescoring finished runs: scores that are added, scores that must come out the same, and scores skipped with the
 reason."""
 
 from __future__ import annotations
@@ -193,7 +193,7 @@ def test_failed_runs_and_runs_at_work_stop_nothing(call, tmp_path: Path) -> None
     end = call()
     call(set=("trouble=lost",))
     good, said = scored(tmp_path / "results", "aif_gmsd")
-    assert good and "left out, as its run ended diverged" in said and "added aif_gmsd" in said
+    assert good and "skipped, because its run ended diverged" in said and "added aif_gmsd" in said
     with run_lease(end.folder, read_result(end.folder).spec, "waves", "now"):
         good, said = scored(tmp_path / "results", "aif_gmsd")
     assert not good and "another process at work" in said

@@ -73,7 +73,7 @@ def test_what_a_blur_begins_with_lies_where_the_gaussians_do() -> None:
 )
 def test_a_model_says_what_it_needs(model, monkeypatch: pytest.MonkeyPatch) -> None:
     """The sharp view is rasterised before the model, under its own name in the table of times; what rasterises from
-    points of the lens is compiled before training."""
+    aperture samples is compiled before training."""
     scene, looked, moved = one_gaussian(3.0), [], []
     from_points = scene.rasterise_from_points
     monkeypatch.setattr(scene, "rasterise_from_points", lambda *given: moved.append(1) or from_points(*given))

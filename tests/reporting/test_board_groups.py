@@ -69,7 +69,7 @@ def test_a_forced_stage_is_no_second_seed(plain, call, made) -> None:
     for nothing in ("nothing", "nothing else"):
         _, out, _ = made()
         found = table_rows((out / "leaderboard.md").read_text(), "waves, sharp-inputs-v3")
-        assert {row["preset"] for row in found} == {"quick, lens left out", f"quick, {nothing} left out"}
+        assert {row["preset"] for row in found} == {"quick, lens skipped", f"quick, {nothing} skipped"}
         assert {row["seeds"] for row in found} == {"0"}
         for file in files:
             edit_json(file, _add_a_stage)
@@ -84,7 +84,7 @@ def test_a_stage_that_one_scene_does_not_need_makes_no_other_variant(plain, call
     page = (out / "leaderboard.md").read_text()
     means = {row["preset"]: row for row in table_rows(page, MEANS)}
     mean = sum(one.scores["aif_psnr"] for one in found) / 2
-    assert means["quick, lens left out"]["all-in-focus PSNR [dB] ↑"] == f"{mean:.2f}"
+    assert means["quick, lens skipped"]["all-in-focus PSNR [dB] ↑"] == f"{mean:.2f}"
     assert {row["preset"] for row in table_rows(page, "ripples, refocus-v3")} - {""} == means.keys()
 
 

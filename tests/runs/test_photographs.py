@@ -161,7 +161,7 @@ def test_from_photographs_to_a_page_and_again(desk: Path):
     result = read_result(folder)
     assert result.scores["steps"] == 12 and result.scores["photo_psnr"] > 5
     assert (folder / "model/gaussians.ply").is_file()
-    assert "every 8th held back" in said
+    assert "every 8th held out" in said
     # The scene is called after the folder, and the plan's decisions are on the terminal and on the page.
     assert result.spec.dataset == "my desk"
     reason = next(stage["reason"] for stage in result.plan["stages"] if stage["name"] == "sparse_depth")
@@ -170,7 +170,7 @@ def test_from_photographs_to_a_page_and_again(desk: Path):
     # The page doesn't include other results below the same folder.
     other = desk / "results/another" / folder.name
     shutil.copytree(folder, other)
-    again = dofbench(desk, *CALL)
+    again = dofbench(desk, *CALL, "--verbose")
     assert "up to date" in again and "cached result" in again and "there already" in again
     assert (place / "report/leaderboard.md").read_text().count(f"| {result.key[:8]} |") == 1
 
@@ -185,7 +185,7 @@ def test_from_photographs_to_a_page_and_again(desk: Path):
         (("--photographs", "none", "--dry-run"), "none: found 0 photographs, expected at least 3"),
         (("--photographs", "notes.txt", "--dry-run"), "a file that is no video"),
         (("--photographs", "my desk", "--set", "nonsense=1"), "option: found 'nonsense'"),
-        (("--photographs", "my desk", "--inputs", "all-in-focus"), "--set lens=false leaves out the lens"),
+        (("--photographs", "my desk", "--inputs", "all-in-focus"), "--set lens=false disables the lens"),
         (("--photographs", "my desk", "--out", "my desk/results"), "a folder outside of my desk"),
     ],
 )

@@ -11,7 +11,7 @@ from dofbench.core.contracts import PointCloud, TrainingSet
 from dofbench.core.evidence import Photographer, Role
 from dofbench.core.image_files.exif import Exif
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
-from dofbench.datasets.format.dealing import Dealt
+from dofbench.datasets.format.assignment import Assignment
 from dofbench.datasets.format.inputs import Inputs
 from dofbench.datasets.format.points_record import PointsRecord
 from dofbench.scenes.scene import Split
@@ -27,7 +27,7 @@ class BenchmarkView(Protocol):
 
     @property
     def split(self) -> Split:
-        """Whether it is trained on or held back."""
+        """Whether it is trained on or held out."""
 
     @property
     def camera(self) -> Camera:
@@ -87,7 +87,7 @@ class BenchmarkDataset(Protocol):
         """sha256 over all content of the dataset, hexadecimal."""
 
     @property
-    def assign(self) -> Dealt:
+    def assign(self) -> Assignment:
         """How the lenses were assigned to the views."""
 
     @property
@@ -114,7 +114,7 @@ class BenchmarkDataset(Protocol):
         """The views to train on, by name."""
 
     def test_views(self) -> tuple[BenchmarkView, ...]:
-        """The views held back, by name."""
+        """The test views, by name."""
 
     def image(self, view: BenchmarkView, /) -> np.ndarray:
         """The shallow photograph: (H, W, 3) float32, encoded, [0, 1], at 8-bit levels."""

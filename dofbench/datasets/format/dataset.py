@@ -20,8 +20,8 @@ from dofbench.core.images import read_exr, read_image
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
 from dofbench.core.masks import read_mask
 from dofbench.datasets.format import layout
+from dofbench.datasets.format.assignment import Assignment
 from dofbench.datasets.format.benchmark_dataset import BenchmarkView
-from dofbench.datasets.format.dealing import Dealt
 from dofbench.datasets.format.inputs import Inputs
 from dofbench.datasets.format.points_record import PointsRecord
 from dofbench.datasets.format.schema import (
@@ -162,7 +162,7 @@ class Dataset:
         return self.manifest.offset or NO_OFFSET
 
     @property
-    def assign(self) -> Dealt:
+    def assign(self) -> Assignment:
         """How the lenses were assigned to the views; "unknown" if no view's lens is known."""
         return self.manifest.settings.get("assign", "per-view") if self.lenses.known else "unknown"
 
@@ -210,7 +210,7 @@ class Dataset:
         return tuple(view for view in self.views if view.split == "train")
 
     def test_views(self) -> tuple[DatasetView, ...]:
-        """The views held back, by name."""
+        """The test views, by name."""
         return tuple(view for view in self.views if view.split == "test")
 
     def lens(self, view: BenchmarkView | str) -> Lens | None:

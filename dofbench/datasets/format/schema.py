@@ -48,7 +48,7 @@ class ShapeRecord(_Record):
         return ApertureShape(self.blades, self.rotation, self.curvature, self.obstruction)
 
 
-class DealtRecord(_Record):
+class AssignedLensRecord(_Record):
     """Only with a per-view normaliser: the lens as it was assigned, and the disparity range that it refers to."""
 
     disparity_range: tuple[FiniteFloat, FiniteFloat]
@@ -73,7 +73,7 @@ class ViewRecord(_Record):
     aperture_scene: FiniteFloat = Field(ge=0)
     focus_scene: FiniteFloat = Field(gt=0)
     max_coc_px: FiniteFloat = Field(ge=0)
-    dealt: DealtRecord | None = None
+    dealt: AssignedLensRecord | None = None
     noise_rms_linear: FiniteFloat | None = Field(default=None, ge=0)
     noise_psnr_db: FiniteFloat | None = None
 
@@ -184,7 +184,7 @@ class UnknownLensFile(_Record):
 
     @property
     def photographer(self) -> Photographer:
-        """What took the photographs: a lens that nobody knows."""
+        """What took the photographs: an unknown lens."""
         return "unknown"
 
     def range(self) -> DisparityRange | None:

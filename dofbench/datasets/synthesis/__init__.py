@@ -30,7 +30,7 @@ def make_dataset(settings: MakeDataset, *, progress: Progress | None = None) -> 
 def make_datasets(settings: MakeDatasets) -> bool:
     """Make all datasets that `settings` describe, several at a time, and print their folders; False if one failed.
 
-    A single dataset is made in this process. Missing scenes of a named dataset are listed and left out. Raises
+    A single dataset is made in this process. Missing scenes of a named dataset are listed and skipped. Raises
     InputError before anything is made when a scene is unknown, and for a single dataset the errors of `make_dataset`.
     With `like`, also False when the new dataset isn't the same.
     """
@@ -41,7 +41,7 @@ def make_datasets(settings: MakeDatasets) -> bool:
         return _make_again(settings)
     datasets, missing = planned(settings)
     for scene in missing:
-        print(f"left out, because it is missing: {scene.label}: {scene.missing}", file=sys.stderr)
+        print(f"skipped, because it is missing: {scene.label}: {scene.missing}", file=sys.stderr)
     if len(datasets) == 1:
         make_dataset(datasets[0])
         return True

@@ -16,7 +16,7 @@ from dofbench.core.blur import Blur
 from dofbench.core.errors import InputError
 from dofbench.core.lens import ALPHA, GAMMA, LAYERS, ApertureShape, Energy, SceneRenderer
 from dofbench.core.options import NumberList, flag, given, options, spelled
-from dofbench.datasets.format.dealing import Assign
+from dofbench.datasets.format.assignment import Assign
 from dofbench.datasets.format.points_choice import Points
 from dofbench.datasets.format.sensor import Sensor
 from dofbench.datasets.synthesis.lens_plan import Values
@@ -162,18 +162,18 @@ class DatasetOptions:
     photographs: Photographs = _option("auto", "scene", kept_with="photographs")
     """Whether the scene's photographs are shallow already, by an unknown lens: auto, as the layout implies; shallow,
     all of them; shallow-train, the training photographs, while the test photographs are sharp. Such photographs aren't
-    blurred, and unknown properties are left out of the dataset."""
+    blurred, and unknown properties are omitted from the dataset."""
 
     train_f_number: Annotated[float, Bounds(gt=0)] | None = _option(None, "scene", kept_with="train_f_number")
     """Train only on the photographs taken at this f-number, by their EXIF; together with --test-f-number. For
     photographs that are shallow already."""
 
     test_f_number: Annotated[float, Bounds(gt=0)] | None = _option(None, "scene", kept_with="train_f_number")
-    """Test with the photographs of this f-number, and leave out those of any other: the score is how well the learned
+    """Test with the photographs of this f-number, and exclude those of any other: the score is how well the learned
     aperture, scaled by the ratio of the two, predicts them."""
 
     test_points: Annotated[int, Bounds(ge=0)] = _option(100, "scene", kept_with="train_f_number")
-    """With --test-f-number: leave out test photographs that share fewer sparse points with the training photographs,
+    """With --test-f-number: exclude test photographs that share fewer sparse points with the training photographs,
     because surfaces that no training photograph saw tell nothing about the aperture."""
 
     reuse: Path | None = _option(None, "place")
@@ -326,7 +326,7 @@ class DatasetOptions:
 
     def _plain(self, name: str) -> object:
         if name == "depth":
-            # The path of the folder or network is left out, because its content matters; the identity has the content's
+            # The path of the folder or network is omitted, because its content matters; the identity has the content's
             # hash.
             kind, place = self.depth_source
             return kind if place is None else f"{kind}:{place.name}"

@@ -1,6 +1,6 @@
 """Makes datasets of real photographs that are shallow already, by an unknown lens; the photographs aren't blurred.
 
-The dataset has the usual layout. Unknown properties are left out, and lens.json and the manifest mark them: no view has
+The dataset has the usual layout. Unknown properties are omitted, and lens.json and the manifest mark them: no view has
 a lens, a view has a sharp image only if the scene has a sharp photograph, and depth only if the scene has depth.
 """
 

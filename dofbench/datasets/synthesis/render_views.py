@@ -10,7 +10,7 @@ import numpy as np
 from dofbench.core.blur import Blur
 from dofbench.core.images import from_8bit
 from dofbench.core.lens import DisparityRange, Lens
-from dofbench.datasets.format.schema import DealtRecord, ThinLensRecord, ViewRecord
+from dofbench.datasets.format.schema import AssignedLensRecord, ThinLensRecord, ViewRecord
 from dofbench.datasets.format.sensor import Sensor
 from dofbench.datasets.synthesis.lens_plan import PlannedView
 from dofbench.optics.defocus import defocus_light, defocus_numpy
@@ -47,7 +47,7 @@ def view_record(planned: PlannedView, depth: np.ndarray, shared: Photography) ->
     if shared.per_view:
         own = view_range(depth)
         lens = Lens.from_physical(planned.lens.physical(own, width), shared.disparity_range)
-        dealt = DealtRecord(
+        dealt = AssignedLensRecord(
             disparity_range=(own.q_min, own.q_max), aperture=planned.lens.aperture, focus=planned.lens.focus
         )
     physical = lens.physical(shared.disparity_range, width)

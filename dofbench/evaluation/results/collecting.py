@@ -240,5 +240,5 @@ def _left_out_stages(variants: Sequence[Sequence[Entry]]) -> list[str]:
     absent = [[stage["name"] for stage in plan if not stage["runs"]] for plan in plans]
     planned = [set(names) for plan, names in zip(plans, absent, strict=True) if plan]
     common = set.intersection(*planned) if planned else set()
-    nothing = "nothing else left out" if common else "nothing left out"
-    return [", ".join(f"{name} left out" for name in names if name not in common) or nothing for names in absent]
+    nothing = "nothing else skipped" if common else "nothing skipped"
+    return [", ".join(f"{name} skipped" for name in names if name not in common) or nothing for names in absent]

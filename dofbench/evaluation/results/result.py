@@ -25,8 +25,8 @@ Data = dict[str, Any]
 
 
 def _from_1(data: Data) -> Data:
-    """Version 2 has CPU seconds and cold start as scores, CPU seconds along the curve, checksums of the model, and the
-    number of compiled kernels."""
+    """Version 2 has the scores CPU seconds and JIT compilation, CPU seconds along the curve, checksums of the model,
+    and the number of compiled kernels."""
     training = data["stages"].get("train")
     scores = data["scores"] | ({"train_cpu_s": training["cpu"]} if training else {})
     left_out = data["left_out"] | {"cold_start_s": "not measured in schema version 1"}

@@ -84,7 +84,7 @@ class RunSpec(RunOptions):
 
 
 def command_line(command: str, options: Any, *, without: Collection[str] = ()) -> str:
-    """The command line of `dofbench` for `options`, a dataclass; defaults and the fields in `without` are left out."""
+    """The command line of `dofbench` for `options`, a dataclass; defaults and the fields in `without` are omitted."""
     words = ["dofbench", command]
     for field in fields(options):
         value = getattr(options, field.name)

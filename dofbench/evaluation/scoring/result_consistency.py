@@ -87,7 +87,7 @@ def _columns(result: Result) -> Iterator[str]:
             yield f"{column}: a score, and a reason why there is none"
     for column, reason in {**result.left_out, **result.left_out_stages}.items():
         if not reason.strip():
-            yield f"{column}: left out without a reason"
+            yield f"{column}: skipped without a reason"
     if result.status is Status.OK:
         for column in result.plan.get("columns", []):
             if column not in result.scores and column not in result.left_out:

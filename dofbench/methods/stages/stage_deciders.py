@@ -1,6 +1,6 @@
 """What decides whether a run needs a stage: each decider looks at facts about the training photographs.
 
-A method's card names, for every stage that a plan may leave out, the decider that it asks (`StageCard.decided_by`). The
+A method's card names, for every stage that a plan may skip, the decider that it asks (`StageCard.decided_by`). The
 facts and their thresholds are here and the same for all methods.
 """
 
@@ -33,7 +33,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class Verdict:
-    """needless: whether the stage could be left out. why: the fact that decided.
+    """needless: whether the stage could be skipped. why: the fact that decided.
 
     to_be_tried: whether the stage runs and training finds out if it is needed, of a method that can try that.
     only_tried: no fact decides, so that the plan mentions the stage only where training tries it.

@@ -31,7 +31,7 @@ CLIPPED = (
 class Sightings:
     """xy: (M, 2) image coordinates, pixels. disparity: (M,) 1 / scene unit. weight: (M,), 0 ... 1.
 
-    rejected: number of sightings that were left out as outliers.
+    rejected: number of sightings that were excluded as outliers.
     """
 
     xy: np.ndarray

@@ -58,7 +58,7 @@ class Tracer:
 
         self._scene = load_stage(stage)
         # In addition to a ray aimed at a light, one ray is sampled where the surface reflects most, for gloss and the
-        # wide sky. It would hit shining props rarely and give bright outliers, so it is left out in stages with such
+        # wide sky. It would hit shining props rarely and give bright outliers, so it is skipped in stages with such
         # props.
         shining = any(prop.finish == "lamp" for prop in stage.props)
         self._integrator = mi.load_dict({"type": "direct", "emitter_samples": 1, "bsdf_samples": int(not shining)})

@@ -224,7 +224,7 @@ class MatchedFiles:
         return [file for file in self.files if file is not None]
 
     def missing(self, names: Sequence[str]) -> list[str]:
-        """Those of `names` that have no file."""
+        """The entries of `names` that have no file."""
         return [name for name, file in zip(names, self.files, strict=True) if file is None]
 
 

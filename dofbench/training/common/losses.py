@@ -16,7 +16,7 @@ WHITE = 254.5 / 255  # least value that an 8-bit image stores as white
 
 @dataclass(frozen=True)
 class ReconstructionOptions:
-    """The weights of the reconstruction loss, and the pixels that it leaves out."""
+    """The weights of the reconstruction loss, and the pixels that it excludes."""
 
     ssim_weight: float = 0.2
     """lambda of (1 - lambda) L1 + lambda (1 - SSIM). Unit: none. Source: Eq. 7; 3DGS."""

@@ -73,10 +73,10 @@ def _scaled(
 
 @dataclass(frozen=True)
 class OutlierOptions:
-    """Whether photographs may be left out, and from when on."""
+    """Whether views may be excluded, and from when on."""
 
     outlier_views: bool = False
-    """Whether views whose loss stays far above the others' are left out. Unit: none. Source: own."""
+    """Whether views whose loss stays far above the others' are excluded. Unit: none. Source: own."""
     outliers_from: float = 0.3
     """When the search for such views begins. Unit: share of the training. Source: own."""
 

@@ -20,7 +20,7 @@ class RayOptions:
     """Pixels of a training step. Unit: none. Source: NeRF."""
     ray_samples: int = 128
     """Steps that a ray, or its piece in the box where views are from all around, is divided into when the grid has its
-    last size, of which those in empty cells are left out; in proportion fewer before. Each of its pieces beyond the box
+    last size, of which those in empty cells are skipped; in proportion fewer before. Each of its pieces beyond the box
     has a quarter as many. Unit: none. Source: own; NeRF 64 and 64; TensoRF two a cell."""
     least_weight: float = 1e-3
     """Weight below which a sample has no colour. Unit: none. Source: own; TensoRF 1e-4."""
@@ -28,7 +28,7 @@ class RayOptions:
     """Cells along each side of the grid that knows which cells are empty. Unit: none. Source: own; 128 in
     Instant-NGP."""
     cells_from: float = 0.02
-    """When empty cells begin to be left out. Unit: share of the training. Source: own."""
+    """When empty cells begin to be skipped. Unit: share of the training. Source: own."""
     cells_every: int = 32
     """Interval at which cells are looked at. Unit: steps. Source: own; 16 in Instant-NGP."""
     cells_absorb: float = 0.01

@@ -112,7 +112,7 @@ class FieldTrainer:
         own = {name: tensor.grad for name, tensor in self.scene.parameters.items()}
         learned = {**self._model.gradients(), "colours": self.colours.gradient()}
         for name, gradient in {**own, **learned}.items():
-            place.check(gradient, f"gradient by {name}")
+            place.check(gradient, f"gradient with respect to {name}")
         with self._clock.timed("optimiser"):
             rise = min(1, progress / _RISE) if self.scene.space.has_surroundings else 1
             for group in self._optimiser.param_groups:

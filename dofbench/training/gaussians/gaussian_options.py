@@ -68,7 +68,7 @@ class TrialOptions:
     """Which questions are decided by trials while training, when, and how long a trial is."""
 
     lens_trials: str = ""
-    """Questions that trials decide by the scores on held-back pixels, comma-separated: lens (is there one), share (do
+    """Questions that trials decide by the scores on held-out pixels, comma-separated: lens (is there one), share (do
     photographs share it), model (which forward model). Unit: none. Source: own."""
     lens_trials_at: float = 0.35
     """When the trials take place. Unit: share of the training. Source: own."""

@@ -90,7 +90,7 @@ class StepRasteriser:
         """Pass the gradients at the leaves on to the Gaussians. Raises NonFiniteError for one that isn't finite."""
         reached = [(output, leaf.grad) for output, leaf in self._cut if leaf.grad is not None]
         for _, gradient in reached:
-            self._place.check(gradient, "gradient by the rendering")
+            self._place.check(gradient, "gradient with respect to the rendering")
         with self._clock.timed(f"{_STAGE}, backward"):
             torch.autograd.backward([output for output, _ in reached], [gradient for _, gradient in reached])
 
@@ -171,9 +171,9 @@ def _colour_loss(state: TrainingState, view: ScaledView, image: Tensor, weight: 
 
 def _check_gradients(state: TrainingState, place: Place) -> None:
     for name, learned in state.learned().items():
-        place.check(learned.gradient(), f"gradient by the {name}")
+        place.check(learned.gradient(), f"gradient with respect to the {name}")
     for name, parameter in state.gaussians.parameters.items():
-        place.check(parameter.grad, f"gradient by {name}")
+        place.check(parameter.grad, f"gradient with respect to {name}")
 
 
 def _update(state: TrainingState, progress: float, view: ScaledView) -> None:

@@ -144,8 +144,8 @@ def test_the_command_lists_what_is_here_and_what_to_put_where(tmp_path, write_sc
     assert "deblur-nerf-real/sausage report here 16 + 4 test, 528x396 its author agrees" in text
     assert f"put nerf_llff_data/SCENE, llff/SCENE or llff_SCENE in {tmp_path}; from https://bmild" in text
     assert "put the scenes of llff and tandt-db, as said there" in text
-    assert "left out: tandt-db/playroom: indoors" in text
-    assert "left out: bush" in text
+    assert "excluded: tandt-db/playroom: indoors" in text
+    assert "excluded: bush" in text
     assert f"put scenes/SCENE or rendered/SCENE in {tmp_path}; made by `dofbench make-scene all`" in text
 
 

@@ -5,4 +5,4 @@ from __future__ import annotations
 from typing import Literal
 
 Assign = Literal["per-view", "fixed", "held-out", "continuous"]
-Dealt = Assign | Literal["unknown"]  # unknown: real photographs, whose lens isn't known
+Assignment = Assign | Literal["unknown"]  # unknown: real photographs, whose lens isn't known
