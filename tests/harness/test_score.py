@@ -139,7 +139,7 @@ def test_code_that_renders_otherwise_scores_no_depth(call, tmp_path: Path) -> No
     end = call()
 
     def scored_anew() -> str:
-        for name in [name for name in sys.modules if name.startswith("dofbench.methods.")]:
+        for name in [name for name in sys.modules if name.startswith("dofbench.methods.fake")]:
             del sys.modules[name]
         return scored(end.folder, "depth_rel")[1]
 
