@@ -69,10 +69,8 @@ def test_typical_calls_mean_what_they_say() -> None:
 @pytest.mark.parametrize(
     "arguments",
     [
-        "run",
         "run --method",
         "make-dataset --seed x",
-        "check",
         "check a b",
     ],
 )
@@ -103,6 +101,18 @@ def test_a_misspelt_name_is_answered_with_the_one_that_was_meant(
     assert app.main(arguments.split()) == 2
     line = capsys.readouterr().err
     assert line.count("\n") == 1 and f"did you mean {meant}" in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "missing"),
+    [("run", "--method"), ("run --budget 3s", "--method"), ("check", "path"), ("make-scene", "recipe")],
+)
+def test_a_required_option_that_is_missing_is_named_in_one_line(
+    arguments: str, missing: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert app.main(arguments.split()) == 2
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1 and line.startswith(f"dofbench: {missing}:")
 
 
 @pytest.mark.parametrize(

@@ -62,6 +62,7 @@ def results(folder: Path) -> list[Result]:
     return [read_result(file) for file in (folder / "results").rglob("result.json")]
 
 
+@pytest.mark.slow
 def test_a_native_death_at_the_limit_is_out_of_memory(dying: list[str], tmp_path: Path) -> None:
     done = called([*LIMITED, *dying], FAKE_DEATH="full")
     (result,) = results(tmp_path)

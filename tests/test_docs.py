@@ -131,11 +131,13 @@ def _write(block: Block, place: Path, code: Path) -> None:
         target.write_text(text.replace(found, found + block.text, 1))
 
 
+@pytest.mark.slow
 def test_a_method_as_the_page_adds_it(done) -> None:
     place = done(ROOT / "docs" / "add-a-method.md", ROOT)
     assert (place / "reports" / "nearest" / "report.html").is_file()
 
 
+@pytest.mark.slow
 def test_another_program_as_the_page_adds_it(done) -> None:
     place = done(ROOT / "docs" / "external-methods.md", ROOT)
     assert (place / "reports" / "copies" / "report.html").is_file()

@@ -101,6 +101,7 @@ def test_one_aperture_predicts_the_photographs_of_another(
     assert "other aperture, PSNR where blurred" in page and "aperture spread" in page
 
 
+@pytest.mark.slow
 def test_spread_and_ratio_come_from_a_sitting_of_several_apertures(two_apertures: Path, tmp_path: Path) -> None:
     data = tmp_path / "data"
     assert app.main(["make-dataset", str(two_apertures), "--photographs", "shallow", "--out", str(data)]) == 0

@@ -44,6 +44,7 @@ def test_the_trap_works(trap: Path) -> None:
     assert trap.read_text() == "random\n"
 
 
+@pytest.mark.slow
 def test_runs_and_datasets_in_processes_of_their_own(
     trap: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,7 +15,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -118,8 +118,8 @@ def parse(arguments: Sequence[str]) -> Any:
 
 
 def _check_names(options: Any, words: Sequence[str]) -> None:
-    """Raise InputError for an unknown option, and for one that is given twice: the parser would ignore its first
-    values."""
+    """Raise InputError for an unknown option, for a required one that is missing, and for one that is given twice: the
+    parser would ignore its first values."""
     known = {"--help"}
     for field in fields(options):
         known.add(f"--no-{field.name}".replace("_", "-") if field.default is True else f"--{field.name}")
@@ -134,6 +134,15 @@ def _check_names(options: Any, words: Sequence[str]) -> None:
         if option in seen:
             raise InputError(option, "the option twice", "once, with all its values behind it: --set a=1 b=2")
         seen.add(option)
+    if {"-h", "--help"} & set(words):
+        return
+    for field in fields(options):
+        if field.default is not MISSING or field.default_factory is not MISSING:
+            continue
+        positional = "Positional" in str(field.type)
+        subject = field.name if positional else f"--{field.name}".replace("_", "-")
+        if all(word.startswith("--") for word in words) if positional else subject not in seen:
+            raise InputError(subject, "nothing", "a value; --help describes it")
 
 
 def execute(options: Any) -> int:

@@ -134,6 +134,7 @@ def test_it_has_no_lens() -> None:
         FieldMethod({}, 0, "cpu").render(cameras()[0], None)
 
 
+@pytest.mark.slow
 def test_photographs_of_other_colours_are_explained_by_colours_of_their_own(tmp_path: Path) -> None:
     """Of three photographs one is darker and one warmer. With colours the field learns what all have in common."""
     given, errors = training_set(), {}

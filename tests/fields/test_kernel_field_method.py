@@ -23,6 +23,7 @@ from dofbench.training.fields.field_method import FieldMethod
 SHORT = field_options()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [DeblurNeRF, DPNeRF, PDRF])
 def test_it_learns_and_renders_without_its_kernel(kind: type[FieldMethod], tmp_path: Path) -> None:
     method, recorder = kind(SHORT, 0, "cpu"), Recorder()

@@ -71,6 +71,7 @@ def there() -> st.SearchStrategy[Tensor]:
     return st.tuples(*[st.floats(-12, 12)] * 3).map(lambda xyz: MIDDLE + HALF * torch.tensor(xyz).double())
 
 
+@pytest.mark.slow
 @given(there(), st.lists(st.tuples(*[st.floats(-0.9, 0.9)] * 3), min_size=3, max_size=3), st.floats(0.1, 10))
 @example(torch.tensor([7.875, 4, 18.75]).double(), [(0.0, -2.0, -1.5), (0.0, 0.0, 0.0), (0.3, 0.2, -0.1)], 1.0)
 @example(torch.tensor([-3.0, -2, -3]).double(), [(0.0, 0.2569994330406189, -0.47850656509399414)] * 3, 7.59670880328224)
@@ -93,6 +94,7 @@ def test_a_point_has_one_place_whoever_sees_it(point: Tensor, within: list[tuple
         assert 0 <= float(other.min()) and float(other.max()) <= 1
 
 
+@pytest.mark.slow
 @given(there(), there())
 def test_a_point_beyond_the_box_has_that_place_from_outside_too(point: Tensor, towards: Tensor) -> None:
     """From any place whose ray comes nearest to the box before the point, not behind it."""

@@ -49,6 +49,7 @@ def trained(name: str, given: TrainingSet) -> tuple[np.ndarray, list[float]]:
     return method.render(cameras()[0], None).image, recorder.losses
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", METHODS)
 def test_what_is_under_a_mask_changes_no_bit(name: str) -> None:
     (one, losses), (two, same) = trained(name, masked(1)), trained(name, masked(2))

@@ -89,6 +89,7 @@ def test_a_finished_scene_is_left_as_it_is(made, photographs, capsys, tmp_path):
     assert "found another reconstruction" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_killed_it_goes_on_and_gives_the_same_bytes(made, photographs, tmp_path):
     out = tmp_path / "again"
     command = dofbench("reconstruct", photographs, "--out", out)

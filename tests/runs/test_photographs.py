@@ -152,6 +152,7 @@ def test_a_video_is_looked_at_before_anything_is_promised(desk: Path, tmp_path: 
     assert found.scene.name == "walk"
 
 
+@pytest.mark.slow
 def test_from_photographs_to_a_page_and_again(desk: Path):
     said = dofbench(desk, *CALL, "--verbose")
     place = desk / "results/photographs/my desk"

@@ -61,6 +61,7 @@ def test_scenes_of_a_named_dataset_that_are_not_here_are_told(write_scene, tmp_p
     assert all(scene.missing for scene in missing)
 
 
+@pytest.mark.slow
 def test_a_scene_that_fails_does_not_stop_the_others(scene, write_scene, dataset_as_called, tmp_path, contents, capfd):
     other = write_scene(tmp_path / "other")
     (other / "images" / "v02.png").write_bytes(b"none")

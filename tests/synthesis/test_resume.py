@@ -56,6 +56,7 @@ def test_another_seed_is_another_dataset(scene, dataset_folder, tmp_path, conten
     assert other["lens.json"] != contents(dataset_folder)["lens.json"]
 
 
+@pytest.mark.slow
 def test_killed_and_started_again(scene, dataset_folder, tmp_path, contents):
     out = tmp_path / "out"
     command = [sys.executable, "-c", SLOW, str(scene), str(out)]

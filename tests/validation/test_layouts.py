@@ -17,6 +17,7 @@ from dofbench.evaluation.renderer.validate import cases_in
 from dofbench.optics.tone import encode
 
 
+@pytest.mark.slow
 def test_a_scene_of_blb(blb):
     cases = cases_in(blb / "277")
     assert [(case.source, case.name, case.aperture, case.focus) for case in cases] == [

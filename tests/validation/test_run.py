@@ -53,6 +53,7 @@ def counted(monkeypatch, few):
     return calls
 
 
+@pytest.mark.slow
 def test_tables_of_everything(rendered, blb, lightfield, tmp_path, monkeypatch):
     for file in (blb / "277").glob("bokeh_01_*.exr"):
         file.unlink()
@@ -97,6 +98,7 @@ def test_a_second_call_scores_nothing(rendered, tmp_path, counted):
     assert (tmp_path / "renderer.md").is_file()
 
 
+@pytest.mark.slow
 def test_what_changed_is_scored_again_and_the_rest_kept(rendered, tmp_path, counted, few, monkeypatch):
     validate(rendered, out=tmp_path)
     counted.clear()
@@ -114,6 +116,7 @@ def test_what_changed_is_scored_again_and_the_rest_kept(rendered, tmp_path, coun
     assert all(file.name.startswith("ffff") for file in (tmp_path / FOLDER).iterdir())
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_leaves_tables_and_goes_on(rendered, blb, tmp_path, counted, monkeypatch):
     whole = tmp_path / "whole"
     validate(rendered, blb, out=whole)
@@ -150,6 +153,7 @@ def test_half_a_file_of_scores_counts_as_none(rendered, tmp_path, counted):
     assert len({focus for _, focus, _ in counted}) == 1
 
 
+@pytest.mark.slow
 def test_killed_at_any_moment_it_goes_on(blb, tmp_path):
     """As a user calls it, ended by SIGKILL once something is kept, and called again."""
     call = dofbench("validate-renderer", blb / "277", "--no-planes", "--no-pictures", "--out", tmp_path / "out")
