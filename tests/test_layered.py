@@ -66,6 +66,7 @@ def psnr(image: np.ndarray, truth: np.ndarray) -> float:
     return -10 * math.log10(np.mean((image[inside] - truth[inside]) ** 2))
 
 
+@pytest.mark.slow
 # Focus behind, in front, and in between: least gain of occlusion in dB. Where neither side is sharp, the bleeding of
 # the plain scatter is less visible. Measured: 4.6, 6.8 and 0.4 dB. Repeating the nearest colour behind an edge gained
 # over 5.0 and 0.5 in the first and the last, as these textures are smooth; on the planes of reports/renderer it was 3

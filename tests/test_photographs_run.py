@@ -68,6 +68,7 @@ def training(data: Path, steps: int, out: Path) -> list[str]:
     return [*method, "--data", str(data), "--budget", f"{steps}it", "--out", str(out)]
 
 
+@pytest.mark.slow
 def test_one_aperture_predicts_the_photographs_of_another(
     two_apertures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -176,6 +177,7 @@ def test_photographs_that_are_sharp_after_all_are_trained_on_without_a_lens(
     assert app.main(["check", str(tmp_path / "results")]) == 0
 
 
+@pytest.mark.slow
 def test_shallow_photographs_alone_are_scored_by_half_of_each(
     blurred: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

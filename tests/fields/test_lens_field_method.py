@@ -35,6 +35,7 @@ def trained(kind: str) -> tuple[LensFieldMethod, Recorder]:
     return method, recorder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", METHODS)
 def test_it_learns_refocuses_and_is_read_again(kind: str, tmp_path: Path) -> None:
     method, recorder = trained(kind)

@@ -173,6 +173,7 @@ def test_rays_begin_farther_away_while_training_begins() -> None:
     assert near[0] == near[1] == pytest.approx((whole.middle + near[2]) / 2, rel=FLOAT64_VALUE) and near[0] > near[2]
 
 
+@pytest.mark.slow
 def test_what_lies_behind_is_learned_and_stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     method = trained(photographs())
     method.save(tmp_path)

@@ -148,6 +148,7 @@ def test_poses_without_points_are_kept_and_points_found(tmp_path, true_scene, la
     assert np.median(np.concatenate(errors)) < TRIANGULATED_DEPTH
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["nerfstudio", "colmap"])
 def test_known_poses_far_from_the_origin_stay_where_they_are(tmp_path, layout):
     offset = (448262.0, 5411932.0, 135.0)
@@ -240,6 +241,7 @@ def test_make_dataset_names_the_command_for_photographs_without_poses(photograph
     assert "6 photographs without poses" in error and f"dofbench reconstruct {photographs} --out SCENE" in error
 
 
+@pytest.mark.slow
 def test_all_at_once_gives_poses_too(photographs, tmp_path, reconstruct):
     outcome = reconstruct(photographs, tmp_path / "out", mapping="global", matching="retrieval")
     assert outcome.folder is not None

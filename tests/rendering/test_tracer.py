@@ -87,6 +87,7 @@ def test_depth_is_the_planes_and_zero_at_infinity(variant):
     assert z[HEIGHT // 2, WIDTH // 2] == pytest.approx(2 - DOT_PX * 2 / FOCAL, abs=DOT_DEPTH)
 
 
+@pytest.mark.slow
 def test_noise_is_what_is_stated(variant):
     tracer, lens = Tracer(wall(2.5)), PhysicalLens(30.0, 0.7, WIDTH)
     rough, fine = (tracer.photograph(CAMERA, samples, f"n{samples}", lens) for samples in (32, 2048))

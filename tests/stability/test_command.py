@@ -22,6 +22,7 @@ def table(out):
     return text.splitlines()[0], list(csv.DictReader(text.splitlines()))
 
 
+@pytest.mark.slow
 def test_one_kernel_of_one_group_as_a_user_runs_it(tmp_path):
     done = called(dofbench(*CALL, "--out", tmp_path))
     assert done.returncode == 0, done.stderr

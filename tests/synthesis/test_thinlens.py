@@ -53,6 +53,7 @@ def psnr(one: np.ndarray, other: np.ndarray) -> float:
     return float(-10 * np.log10(np.mean((np.clip(one, 0, 1) - np.clip(other, 0, 1)) ** 2)))
 
 
+@pytest.mark.slow
 def test_photographs_say_what_they_are(dataset: Path) -> None:
     lenses = json.loads((dataset / "lens.json").read_text())
     assert lenses["renderer"] == "thinlens"
@@ -83,6 +84,7 @@ def test_the_lens_is_the_one_of_the_scatter(rendered: Path, dataset: Path, tmp_p
         assert psnr(real, near) > psnr(real, sharp) + 3
 
 
+@pytest.mark.slow
 def test_what_is_lost_is_made_again(dataset: Path, tmp_path: Path, rendered: Path) -> None:
     copy = shutil.copytree(dataset, tmp_path / "copy")
     (copy / "images" / "view_001.png").unlink()

@@ -98,6 +98,7 @@ def test_a_view_agrees_with_one_put_together_by_another_library(name):
     assert np.abs(found - expected).max() < FLOAT32_VALUE * max(1.0, expected.max())
 
 
+@pytest.mark.slow
 def test_points_are_added_until_the_truth_is_good_enough():
     scene = SCENES["highlights"]
     coarse, fine = photograph(scene, 12.0, 0.9, own_error_db=0), photograph(scene, 12.0, 0.9, own_error_db=35)
@@ -108,6 +109,7 @@ def test_points_are_added_until_the_truth_is_good_enough():
     assert error > coarse.own_error_db - 2
 
 
+@pytest.mark.slow
 def test_a_highlight_is_spread_before_it_is_cut_off():
     truth = photograph(SCENES["highlights"], 8.0, 0.6)
     assert truth.sharp.max() > 2 and truth.photograph.max() <= 1
