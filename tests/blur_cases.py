@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 
 import torch
-from made_up import cloud, frontal
+from made_up import Recorder, cloud, frontal
+from small_scene import training_set
 
+from dofbench.core.budget import Budget
+from dofbench.core.errors import Status
 from dofbench.core.lens import DisparityRange
 from dofbench.methods.bags.method import ProposalOptions, ProposedBlur
 from dofbench.methods.cocogaussian.method import CircleCopies, CopiesOptions
 from dofbench.methods.deblurring3dgs.method import EnlargedGaussians, EnlargingOptions
 from dofbench.methods.gsplat_deblur.method import MaskedBlur, MaskOptions
 from dofbench.training.gaussians.forward_model import SharpView, Shot
+from dofbench.training.gaussians.gaussian_method import GaussianMethod
 from dofbench.training.gaussians.lens_renderer import StillRasteriser
 from dofbench.training.gaussians.model import Gaussians
 from dofbench.training.gaussians.render import AppearanceOptions
@@ -20,6 +24,14 @@ from dofbench.training.gaussians.render import AppearanceOptions
 CAMERA = frontal(48, 36, 45.0, (0.0, 0.0, 0.0))
 BARE = AppearanceOptions(filter_2d=0.0, filter_3d=False)
 RANGE = DisparityRange(0.1, 1.0)
+SHORT = {"steps": 90, "sh_degree": 1, "densify_from": 0.1, "densify_every": 20, "reset_every": 0.0}
+
+
+def trained(kind: type[GaussianMethod], **options) -> GaussianMethod:
+    method = kind({**SHORT, **options}, 0, "cpu")
+    outcome = method.fit(training_set(), Budget(steps=90), Recorder())
+    assert outcome.status is Status.OK and outcome.steps == 90, outcome.message
+    return method
 
 
 def shot(number: int | None = 0, slope: float = 0.0, offset: float = 0.0) -> Shot:

@@ -130,7 +130,7 @@ def _section(layout: Layout, kind: str, boards: Sequence[Board]) -> Section:
 
 
 def _time_section(kind: str, boards: Sequence[Board]) -> Section:
-    """Training time and frame rate, as in the paper's supplement; also CPU time, JIT compilation and memory."""
+    """Training time and frame rate, as in the paper's supplement; also CPU time, start-up and memory."""
     figures, title = paper_figures()["time"], f"Training time and frame rate, {kind}"
     caption, lines = f"{title}: {_over(boards)}", _lines(boards, COST)
     table = _mean_table(boards, lines, COST, figures.means, figures, figures.data, caption, nothing=False)

@@ -103,7 +103,7 @@ def masked_shares(dataset: BenchmarkDataset) -> dict[str, float]:
 def assigned_lenses(dataset: BenchmarkDataset) -> dict[str, Any]:
     """The dataset's assignment of lenses ("assign"), and by split ("train", "test") view -> [A, F], None for an unknown
     lens; as plain data."""
-    dealt = {
+    assigned = {
         split: {
             view.name: None if view.lens is None else [view.lens.aperture, view.lens.focus]
             for view in dataset.views
@@ -111,7 +111,7 @@ def assigned_lenses(dataset: BenchmarkDataset) -> dict[str, Any]:
         }
         for split in ("train", "test")
     }
-    return {"assign": dataset.assign, **dealt}
+    return {"assign": dataset.assign, **assigned}
 
 
 def plan_for_data(

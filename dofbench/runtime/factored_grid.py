@@ -109,7 +109,7 @@ class RaySamples:
 
     @staticmethod
     def joined(parts: Sequence[RaySamples]) -> RaySamples:
-        """Coordinates of some rays, then of others."""
+        """The samples of all parts, in the order of the parts."""
         if len(parts) == 1:
             return parts[0]
         before = accumulate((len(part.places) for part in parts), initial=0)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from transforms_file import FILES
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
 from dofbench.core.images import write_png
+from dofbench.scenes.export import write_transforms
 
 SIZE = (48, 36)
 
@@ -71,3 +73,11 @@ def make_cloud():
 def write_images():
     """`write_images(folder, names, size)`: one grey PNG a name."""
     return _write_images
+
+
+@pytest.fixture
+def transforms_folder(tmp_path, make_cameras, write_images):
+    """Four views of 48x36 with shared intrinsics."""
+    write_images(tmp_path, FILES)
+    write_transforms(tmp_path / "transforms.json", FILES, make_cameras(4))
+    return tmp_path

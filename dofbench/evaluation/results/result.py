@@ -25,7 +25,7 @@ Data = dict[str, Any]
 
 
 def _from_1(data: Data) -> Data:
-    """Version 2 has the scores CPU seconds and JIT compilation, CPU seconds along the curve, checksums of the model,
+    """Version 2 has the scores CPU seconds and cold_start_s, CPU seconds along the curve, checksums of the model,
     and the number of compiled kernels."""
     training = data["stages"].get("train")
     scores = data["scores"] | ({"train_cpu_s": training["cpu"]} if training else {})
