@@ -9,18 +9,11 @@ from rich.console import Console
 from dofbench.core.files import write_csv, write_text
 from dofbench.core.jobs import Executor
 from dofbench.core.progress import say
-from dofbench.reporting.ablation import (
-    CELL_COLUMNS,
-    SUMMARY_COLUMNS,
-    ablation_page,
-    cell_rows,
-    fill,
-    summary_rows,
-    write_document,
-)
+from dofbench.reporting.ablation import ablation_page, write_document
 from dofbench.reporting.render import markdown
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_plan import AblationPlan, plan_tables
+from dofbench.running.ablation_scores import CELL_COLUMNS, SUMMARY_COLUMNS, cell_rows, fill, summary_rows
 from dofbench.running.ablation_tables import read_tables, tables_of
 from dofbench.running.batch import Batch, processes_for
 from dofbench.running.ended_runs import Ended

@@ -90,13 +90,13 @@ def _presets(entry: MethodEntry) -> Iterator[str]:
 
 
 def _frozen_words(entry: MethodEntry, preset: str) -> str:
-    """Where the preset was frozen, and whether it is still the same."""
+    """Where the preset was fixed, and whether it is still the same."""
     frozen = frozen_presets(entry.folder)[preset]
     try:
         same = preset_digest(entry, preset) == frozen.digest
     except (ImportError, InputError):  # its class can't be loaded, which is said below the options
         same = True
-    return f"frozen at {frozen.commit[:12]}" + ("" if same else ", and changed since")
+    return f"fixed at {frozen.commit[:12]}" + ("" if same else ", and changed since")
 
 
 def _skippable(card: Card) -> list[str]:

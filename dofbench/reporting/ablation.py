@@ -1,27 +1,23 @@
-"""Tables of ablations: the rows' means and differences from the reference row, as a page, as CSV rows and as JSON."""
+"""Tables of ablations: the rows' means and differences from the reference row, as a page and as JSON."""
 
 from __future__ import annotations
 
-import math
-import statistics
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
 from dofbench.core.errors import InputError
-from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_NOT_STATED, ROLE_SAYS
+from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS
 from dofbench.core.files import read_json, write_json
-from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.columns import COLUMNS
-from dofbench.evaluation.results.protocol import arithmetic_mean
 from dofbench.evaluation.results.run_spec import option_words
-from dofbench.reporting.boards import Line, Statistic, scene_mean, seed_mean, sign_notes, signs_of, united
+from dofbench.reporting.boards import Line, signs_of, united
+from dofbench.reporting.pairs import EXPLANATION
 from dofbench.reporting.paper import of_scene, ssim_note
 from dofbench.reporting.sections import asked_sections, column_section, commit_text, machine_text
-from dofbench.reporting.statistics import EXPLANATION, Compared, adjusted, compare
 from dofbench.reporting.tables import (
     Cell,
     Extra,
@@ -36,104 +32,13 @@ from dofbench.reporting.tables import (
     words,
 )
 from dofbench.running.ablation_options import Ablate
-from dofbench.running.ablation_plan import Source, TablePlan
-from dofbench.running.ended_runs import Ended
+from dofbench.running.ablation_plan import Source
+from dofbench.running.ablation_scores import Filled
 
-NOT_RUN = Statistic(None, failure="not run yet", reason="rerun the same command to resume")
-CELL_COLUMNS = "table row dataset seed column value status method preset options budget role".split()
-SUMMARY_COLUMNS = """table row dataset seeds column mean sd status paper difference difference_sd p pairs
-    difference_low difference_high verdict""".split()
 SCHEMA, VERSION = "dofbench.ablation", 2
 _WHAT = "a table that `dofbench ablate` wrote"
 _SECTION = TypeAdapter(Section)
 _WORDS: dict[bool | str, str] = {True: "yes", False: "no"}
-
-
-@dataclass(frozen=True)
-class Filled:
-    """A table with its runs that have ended. seeds: those for which every cell has ended; if there is none, the first
-    seed. entries: (row, dataset, seed) -> the run."""
-
-    plan: TablePlan
-    seeds: tuple[int, ...]
-    entries: dict[tuple[str, str, int], Entry]
-
-    @property
-    def rows(self) -> list[str]:
-        """Labels of the rows."""
-        return [row.label for row in self.plan.table.rows]
-
-    @property
-    def datasets(self) -> list[str]:
-        """Labels of the datasets."""
-        return [source.label for source in self.plan.sources]
-
-    def runs(self, row: str, dataset: str) -> list[Entry]:
-        """The row's runs on a dataset; empty unless every seed has ended."""
-        found = [self.entries.get((row, dataset, seed)) for seed in self.seeds]
-        return [entry for entry in found if entry is not None] if None not in found else []
-
-    def value(self, row: str, dataset: str, seed: int, column: str) -> float | None:
-        """One run's score; None without one."""
-        entry = self.entries.get((row, dataset, seed))
-        return entry.scores.get(column) if entry is not None and entry.status == "ok" else None
-
-    def cell(self, row: str, dataset: str, column: str) -> Statistic:
-        """Mean and sample standard deviation over the seeds."""
-        runs = self.runs(row, dataset)
-        return seed_mean(runs, column) if runs else NOT_RUN
-
-    def mean_cell(self, row: str, column: str) -> Statistic:
-        """The mean over datasets and seeds, with the standard deviation of the mean over datasets over the seeds; a gap
-        unless every dataset and seed has a value."""
-        lines = {dataset: Line(row, "", "", {column: self.cell(row, dataset, column)}) for dataset in self.datasets}
-        mean = scene_mean(lines, self.datasets, column)
-        values = [[self.value(row, dataset, seed, column) for dataset in self.datasets] for seed in self.seeds]
-        means = [arithmetic_mean(one) for one in values if None not in one]  # type: ignore[arg-type]
-        if mean.value is None or len(means) < 2 or not all(map(math.isfinite, means)):
-            return mean
-        return Statistic(mean.value, statistics.stdev(means))
-
-    def lines(self, dataset: str | None = None) -> list[Line]:
-        """The rows on one dataset; for None as means over the datasets."""
-        seeds, found = ", ".join(map(str, self.seeds)), []
-        for row in self.rows:
-            scores = {
-                column: self.mean_cell(row, column) if dataset is None else self.cell(row, dataset, column)
-                for column in self.plan.table.columns
-            }
-            found.append(Line(row, "", seeds, scores, signs=self.signs(row, dataset)))
-        return found
-
-    def signs(self, row: str, dataset: str | None = None) -> str:
-        """The row's signs on one dataset; for None on all (`boards.NOTES`)."""
-        roles = {source.label: source.role for source in self.plan.sources}
-        own = [(place[1], entry) for place, entry in self.entries.items() if place[0] == row]
-        return united(signs_of(roles[one], [entry]) for one, entry in own if dataset in (one, None))
-
-    def differences(self, column: str) -> dict[str, Compared]:
-        """Row -> its difference from the reference row in a column, p adjusted over the rows; empty without a
-        reference."""
-        reference = self.plan.table.reference
-        if reference is None:
-            return {}
-        others = [row for row in self.rows if row != reference]
-        raw = [
-            compare([(self.runs(row, dataset), self.runs(reference, dataset)) for dataset in self.datasets], column)
-            for row in others
-        ]
-        return dict(zip(others, adjusted(raw), strict=True))
-
-
-def fill(plan: TablePlan, ended: Ended) -> Filled:
-    """The table with those of its runs that have ended."""
-    entries = {place: entry for place, run in plan.runs.items() if (entry := ended.find(run)) is not None}
-    seeds = sorted({seed for _, _, seed in plan.runs})
-    whole = [seed for seed in seeds if all(place in entries for place in plan.runs if place[2] == seed)]
-    return Filled(plan, tuple(whole or seeds[:1]), entries)
-
-
-# ---- page ----
 
 
 def ablation_page(filled: Filled, settings: Ablate) -> Section:
@@ -142,7 +47,7 @@ def ablation_page(filled: Filled, settings: Ablate) -> Section:
     means: tuple[Section, ...] = ()
     if len(filled.datasets) > 1:
         title, figures = f"Mean over {len(filled.datasets)} datasets", {row.label: row.paper for row in declared.rows}
-        table = _scores(filled, filled.lines(), figures, title)
+        table = _scores(filled, _lines(filled), figures, title)
         means = (Section(title, (f"{', '.join(filled.datasets)}.",), (table,)),)
     parts = (
         *means,
@@ -203,6 +108,25 @@ def _scores(filled: Filled, lines: Sequence[Line], figures: Mapping[str, Mapping
     )
 
 
+def _lines(filled: Filled, dataset: str | None = None) -> list[Line]:
+    """The rows on one dataset; for None as means over the datasets."""
+    seeds, found = ", ".join(map(str, filled.seeds)), []
+    for row in filled.rows:
+        scores = {
+            column: filled.mean_cell(row, column) if dataset is None else filled.cell(row, dataset, column)
+            for column in filled.plan.table.columns
+        }
+        found.append(Line(row, "", seeds, scores, signs=_signs(filled, row, dataset)))
+    return found
+
+
+def _signs(filled: Filled, row: str, dataset: str | None = None) -> str:
+    """The row's signs on one dataset; for None on all (`boards.NOTES`)."""
+    roles = {source.label: source.role for source in filled.plan.sources}
+    own = [(place[1], entry) for place, entry in filled.entries.items() if place[0] == row]
+    return united(signs_of(roles[one], [entry]) for one, entry in own if dataset in (one, None))
+
+
 def _dataset(filled: Filled, source: Source) -> Section:
     """The rows on one dataset. If it is the only dataset and the paper has no figures for it, the paper's means stand
     next to the rows."""
@@ -210,7 +134,7 @@ def _dataset(filled: Filled, source: Source) -> Section:
     figures = {row.label: of_scene(row.paper_scenes, source.scene) for row in declared.rows}
     if len(filled.datasets) == 1 and not any(figures.values()):
         figures = {row.label: row.paper for row in declared.rows}
-    lines, sharp = filled.lines(source.label), declared.inputs == "all-in-focus"
+    lines, sharp = _lines(filled, source.label), declared.inputs == "all-in-focus"
     scores = _scores(filled, lines, figures, source.label)
     evidence = ROLE_SAYS[source.role] + ("" if sharp else f" {PHOTOGRAPHER_SAYS[source.photographer]}")
     if declared.held_out:
@@ -233,12 +157,11 @@ def _differences(filled: Filled) -> Iterator[Section]:
         f"cost is paired by dataset and seed. {EXPLANATION}"
     )
     rows = tuple(
-        (words(row, filled.signs(row)), *(difference(found[column][row]) for column in columns))
+        (words(row, _signs(filled, row)), *(difference(found[column][row]) for column in columns))
         for row in found[columns[0]]
     )
     headings = (*word_headings("row"), *score_headings(columns))
-    below = sign_notes(filled.signs(row) for row in filled.rows)
-    yield Section(title, (said,), (Table(f"{declared.title}: {title}", headings, rows, below=below),))
+    yield Section(title, (said,), (Table(f"{declared.title}: {title}", headings, rows),))
 
 
 def _rows(filled: Filled) -> Section:
@@ -275,41 +198,6 @@ def _how_made(filled: Filled, settings: Ablate) -> Section:
 
 
 # ---- files ----
-
-
-def cell_rows(filled: Filled) -> Iterator[dict[str, object]]:
-    """One row per run and score. value is empty without a score: then status is how the run ended, or "not run".
-    options: those that the run changes of its preset."""
-    roles = {source.label: source.role or ROLE_NOT_STATED for source in filled.plan.sources}
-    for place, run in filled.plan.runs.items():
-        entry, spec = filled.entries.get(place), run.spec
-        status = "not run" if entry is None else str(entry.status)
-        made = status, spec.method, spec.preset, " ".join(option_words(spec.overrides)), spec.budget, roles[place[1]]
-        for column in filled.plan.table.columns:
-            values = (filled.plan.table.id, *place, column, filled.value(*place, column), *made)
-            yield dict(zip(CELL_COLUMNS, values, strict=True))
-
-
-def summary_rows(filled: Filled) -> Iterator[dict[str, object]]:
-    """One row per cell of the page; dataset "mean": over all datasets, with the paper's mean on its data, and the
-    difference from the reference row as on the page."""
-    declared, seeds = filled.plan.table, " ".join(map(str, filled.seeds))
-    for column in declared.columns:
-        found = filled.differences(column)
-        for row in declared.rows:
-            means = [(dataset, filled.cell(row.label, dataset, column)) for dataset in filled.datasets]
-            for dataset, cell in (*means, ("mean", filled.mean_cell(row.label, column))):
-                missing = "not run" if cell is NOT_RUN else cell.failure or "no such score"
-                scores = cell.value, cell.spread, missing if cell.value is None else "ok"
-                values = (declared.id, row.label, dataset, seeds, column, *scores)
-                record: dict[str, object] = dict(zip(SUMMARY_COLUMNS, values, strict=False))
-                if dataset == "mean":
-                    record["paper"] = row.paper.get(column)
-                    compared = found.get(row.label)
-                    if compared is not None and (one := compared.difference) is not None:
-                        record |= {"difference": one.mean, "difference_sd": one.spread, "p": one.p, "pairs": one.pairs}
-                        record |= {"difference_low": one.low, "difference_high": one.high, "verdict": compared.verdict}
-                yield record
 
 
 def write_document(folder: Path, page: Section) -> Path:

@@ -4,26 +4,16 @@ reason of every gap, and signs for what a result doesn't prove."""
 from __future__ import annotations
 
 import math
-import statistics
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-from dofbench.core.errors import Status
 from dofbench.core.evidence import PHOTOGRAPHER_WORDS, PHOTOGRAPHERS, ROLE_WORDS, ROLES, Photographer, Role
 from dofbench.datasets.format.points_record import PointsRecord
+from dofbench.evaluation.comparing.means import Statistic, scene_mean, seed_mean
 from dofbench.evaluation.results.collecting import Entry, added_columns, board_names, grouped, variant_names
-from dofbench.evaluation.results.columns import (
-    ALL_IN_FOCUS,
-    COLUMNS,
-    EXIF,
-    HELD_OUT,
-    PHOTOGRAPH,
-    REFOCUS,
-    SCORES,
-    lens_words,
-)
-from dofbench.evaluation.results.protocol import DEPTH_COLUMNS, PROTOCOLS, arithmetic_mean
+from dofbench.evaluation.results.columns import COLUMNS, HELD_OUT, SCORES, lens_words
+from dofbench.evaluation.results.protocol import PROTOCOLS
 from dofbench.methods.frozen_presets import State, state_of
 
 DO_NOTHING = "do nothing (Â = F̂ = 0.5)"
@@ -54,17 +44,6 @@ _IN_FILES = {
 
 Variant = tuple[str, ...]
 Names = Mapping[Variant, tuple[str, str]]  # variant -> (method, preset) as shown
-
-
-@dataclass(frozen=True)
-class Statistic:
-    """A score over several runs. value: None with a failure (a status) or a reason, shown as a footnote. spread: sample
-    standard deviation over seeds, None for a single seed."""
-
-    value: float | None
-    spread: float | None = None
-    failure: str = ""
-    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -157,14 +136,6 @@ def score_columns(entries: Sequence[Entry]) -> list[str]:
     return [*SCORES, *added_columns(entries)]
 
 
-def by_kind(boards: Sequence[Board]) -> dict[str, list[Board]]:
-    """Kind -> its boards, which may share a table and be averaged."""
-    found: dict[str, list[Board]] = {}
-    for board in boards:
-        found.setdefault(board.kind, []).append(board)
-    return found
-
-
 def mean_names(kind: str, boards: Sequence[Board]) -> tuple[str, str]:
     """The name of the mean over boards of one kind, in place of a dataset's: (on pages, in files)."""
     first, mean = boards[0], f"the mean over {len(boards)} scenes"
@@ -181,43 +152,6 @@ def variant_line(entries: Sequence[Entry], name: tuple[str, str], columns: Seque
     seeds = [str(entry.spec.seed) for entry in entries]
     shown = ", ".join(seeds) + (f" (n = {len(seeds)})" if len(seeds) > 1 else "")
     return Line(*name, shown, cells, signs=signs)
-
-
-def seed_mean(entries: Sequence[Entry], column: str) -> Statistic:
-    """One column over the seeds of one variant; no mean if a seed failed."""
-    failed = [entry for entry in entries if entry.status is not Status.OK]
-    if failed:
-        kinds = ", ".join(sorted({str(entry.status) for entry in failed}))
-        count = f" ({len(failed)} of {len(entries)} seeds)" if len(entries) > 1 else ""
-        return Statistic(None, failure=kinds + count, reason=failed[0].message or "no message")
-    lacking = next((entry for entry in entries if column not in entry.scores), None)
-    if lacking is not None:
-        return Statistic(None, reason=lacking.left_out.get(column) or _no_reason(lacking, column))
-    return mean_and_spread([entry.scores[column] for entry in entries])
-
-
-def mean_and_spread(values: Sequence[float], reason: str = "") -> Statistic:
-    """Mean and sample standard deviation of one value per seed; a gap with the reason without values."""
-    if not values:
-        return Statistic(None, reason=reason)
-    spread = statistics.stdev(values) if len(values) > 1 and all(map(math.isfinite, values)) else None
-    return Statistic(arithmetic_mean(values), spread)
-
-
-def _no_reason(entry: Entry, column: str) -> str:
-    """Why a score is missing where the result doesn't say; "" if it belongs to another protocol."""
-    protocol = PROTOCOLS.get(entry.spec.protocol)
-    if protocol is not None and column in DEPTH_COLUMNS and not protocol.depth:
-        return f"{protocol.id} has no such score"
-    if column in EXIF:
-        return ""
-    if protocol is not None and column in (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH):
-        own = *protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.photograph
-        if column not in own:
-            return ""
-    return (
-        "the result holds no such score, nor a reason" if column in SCORES else "not computed: `dofbench score` adds it"
-    )
 
 
 def _do_nothing(entries: Sequence[Entry], columns: Sequence[str]) -> Line | None:
@@ -277,42 +211,15 @@ def mean_lines(boards: Sequence[Board], columns: Sequence[str]) -> dict[Variant,
     for variant in sorted({variant for board in boards for variant in board.lines}):
         own = {board.name: board.lines[variant] for board in boards if variant in board.lines}
         runs = [board.variants[variant] for board in boards if variant in board.variants]
-        cells = {column: scene_mean(own, scenes, column) for column in columns}
         cells = {
-            column: cell if cell.value is None else replace(cell, spread=_scene_spread(runs, column))
-            for column, cell in cells.items()
+            column: scene_mean({name: line.cells[column] for name, line in own.items()}, scenes, runs, column)
+            for column in columns
         }
         first = next(iter(own.values()))
         seeds = first.seeds if len({line.seeds for line in own.values()}) == 1 else "not the same on all"
         signs = united(line.signs for line in own.values())
         means[variant] = Line(first.method, first.preset, seeds, cells, signs=signs)
     return means
-
-
-def scene_mean(lines: Mapping[str, Line], scenes: Sequence[str], column: str) -> Statistic:
-    """Mean over scenes of one variant (scene -> its line); a gap unless every scene has a value."""
-    missing = [scene for scene in scenes if scene not in lines or lines[scene].cells[column].value is None]
-    if missing:
-        gaps = {(lines[scene].cells[column].failure, lines[scene].cells[column].reason) for scene in missing
-                if scene in lines}  # fmt: skip
-        if len(missing) == len(scenes) and len(gaps) == 1:
-            failure, reason = gaps.pop()  # missing on all scenes for the same reason
-            return Statistic(None, failure=failure, reason=reason)
-        absent = ", ".join(missing)
-        return Statistic(None, reason=f"no mean over an incomplete set: {absent} missing of {len(scenes)} scenes")
-    values = [lines[scene].cells[column].value for scene in scenes]
-    return Statistic(arithmetic_mean([value for value in values if value is not None]))
-
-
-def _scene_spread(seeds: Sequence[Sequence[Entry]], column: str) -> float | None:
-    """Sample standard deviation over seeds of the mean over scenes; None unless all scenes have the same seeds."""
-    by_scene = [{entry.spec.seed: entry.scores.get(column) for entry in own} for own in seeds]
-    common = sorted(by_scene[0])
-    if len(common) < 2 or any(sorted(own) != common for own in by_scene):
-        return None
-    rows = [[own[seed] for own in by_scene] for seed in common]
-    means = [arithmetic_mean([value for value in row if value is not None]) for row in rows if None not in row]
-    return statistics.stdev(means) if len(means) == len(common) and all(map(math.isfinite, means)) else None
 
 
 # ---- what a result doesn't prove ----
@@ -339,8 +246,3 @@ def united(several: Iterable[str]) -> str:
     """All signs of these texts, each once, in the order of `NOTES`."""
     found = "".join(several)
     return "".join(sign for sign in NOTES if sign in found)
-
-
-def sign_notes(several: Iterable[str]) -> tuple[str, ...]:
-    """The notes below a table whose rows have these signs."""
-    return tuple(NOTES[sign] for sign in united(several))

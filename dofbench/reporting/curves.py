@@ -1,39 +1,29 @@
-"""Score against training time as plain data: curves, medians over seeds, means over scenes, the Pareto front, and the
-time to reach a score."""
+"""Plots of score against training time as plain data: medians over seeds, means over scenes, and their fronts."""
 
 from __future__ import annotations
 
-import bisect
 import math
 import statistics
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
-from typing import NamedTuple
 
 from dofbench.core.errors import InputError, Status
 from dofbench.core.evidence import ROLE_NOT_STATED, ROLE_WORDS, Role
+from dofbench.evaluation.comparing.score_curves import (
+    Curve,
+    FrontPoint,
+    Point,
+    curve_of,
+    joint_curve,
+    levels,
+    pareto_front,
+)
 from dofbench.evaluation.figures import LOOKS
-from dofbench.evaluation.results.collecting import Entry
+from dofbench.evaluation.results.collecting import grouped
 from dofbench.evaluation.results.columns import COLUMNS, Column
-from dofbench.reporting.boards import Board, Names, Variant, by_kind, mean_names, united
+from dofbench.reporting.boards import Board, Names, Variant, mean_names, united
 
-_SHARES = (0.5, 0.8, 0.95)  # of the way from the worst first score to the best: the levels to reach
-_STEPS_A_WAY = 20  # a level is rounded to a step of 1, 2 or 5 times a power of ten, of at most 1 / this of the way
-
-Point = tuple[float, float]  # (training seconds, score)
 Levels = Mapping[str, tuple[float, ...]]  # score -> levels that the user asked for
-
-
-@dataclass(frozen=True)
-class Curve:
-    """One seed; seed None for a mean over scenes. points: scored moments with a finite score, by time. dropped: number
-    of moments without one."""
-
-    seed: int | None
-    status: Status
-    points: tuple[Point, ...]
-    dropped: int
 
 
 @dataclass(frozen=True)
@@ -68,14 +58,6 @@ class Series:
     def failures(self) -> str:
         """How runs of this variant failed; empty if none did."""
         return ", ".join(sorted({str(run.status) for run in self.runs if run.status is not Status.OK}))
-
-
-class FrontPoint(NamedTuple):
-    """A scored moment on the Pareto front: no other is as early and as good, and earlier or better. series: index."""
-
-    time: float
-    score: float
-    series: int
 
 
 @dataclass(frozen=True)
@@ -145,7 +127,7 @@ def board_plots(boards: Sequence[Board], names: Names, wanted: Levels) -> list[P
 def mean_plots(boards: Sequence[Board], plots: Sequence[Plot], wanted: Levels) -> list[Plot]:
     """The plots of the means over the boards of each kind that has several, for scores that all of them have."""
     means = []
-    for kind, scenes in by_kind(boards).items():
+    for kind, scenes in grouped(boards, "kind").items():
         name, in_files = mean_names(kind, scenes)
         where = ("means", kind, scenes[0].protocol), name, "", scenes[0].role
         keys = {board.key for board in scenes}
@@ -171,7 +153,8 @@ def _plot(
     higher = bool(COLUMNS[column].higher_is_better)
     series = tuple(sorted(series, key=lambda one: one.rank(higher_is_better=higher)))
     front = pareto_front([one.median for one in series], higher_is_better=higher)
-    reach = wanted.get(column) or levels(series, higher_is_better=higher)
+    runs = [run for one in series for run in one.runs]
+    reach = wanted.get(column) or levels(runs, [one.median for one in series], higher_is_better=higher)
     return Plot(board, dataset, scene, role, column, series, front, reach, column in wanted, nothing)
 
 
@@ -190,17 +173,6 @@ def _series(board: Board, column: str, names: Names) -> list[Series]:
     return found
 
 
-def curve_of(entry: Entry, column: str) -> Curve:
-    """One run's curve of one score."""
-    scored = [
-        (point.train_s, point.scores[column])
-        for point in (entry.result.curve if entry.result else ())
-        if column in point.scores and point.train_s > 0
-    ]
-    points = tuple(point for point in scored if math.isfinite(point[1]))
-    return Curve(entry.spec.seed, entry.status, points, len(scored) - len(points))
-
-
 def mean_series(scenes: Sequence[Sequence[Series]]) -> list[Series]:
     """Means over scenes, of the variants that have a median over seeds on each. scenes: the series of each."""
     own = [{series.variant: series for series in found if series.median} for found in scenes]
@@ -213,140 +185,6 @@ def mean_series(scenes: Sequence[Sequence[Series]]) -> list[Series]:
             run = Curve(None, Status.OK, curve, 0)
             means.append(Series(variant, first.method, first.preset, (run,), curve, first.place, signs))
     return means
-
-
-def joint_curve(curves: Sequence[Sequence[Point]], together: Callable[[Sequence[float]], float]) -> tuple[Point, ...]:
-    """One curve of several, without interpolation: a point when each of them has been scored, again when each has
-    another score, and at the end. So moments milliseconds apart are one point and not a stair.
-
-    together: makes one score of the last measured ones. Raises ValueError for a curve without a point.
-    """
-    if not curves or not all(curves):
-        raise ValueError("joint curve: expected at least one point of each, found none")
-    if len(curves) == 1:
-        return tuple(curves[0])
-    moments = [[time for time, _ in curve] for curve in curves]
-    times = sorted({time for own in moments for time in own})
-    points: list[Point] = []
-    shown = [0] * len(curves)  # how many scores of each the last point took in
-    for time in times:
-        scored = [bisect.bisect_right(own, time) for own in moments]
-        if time == times[-1] or all(now > before for now, before in zip(scored, shown, strict=True)):
-            points.append((time, together([curve[count - 1][1] for curve, count in zip(curves, scored, strict=True)])))
-            shown = scored
-    return tuple(points)
-
-
-# ---- Pareto front ----
-
-
-def pareto_front(curves: Sequence[Sequence[Point]], *, higher_is_better: bool) -> tuple[FrontPoint, ...]:
-    """The front over all points of all curves, by time; of points with equal time and score all are on the front."""
-    sign = 1.0 if higher_is_better else -1.0
-    points = sorted((time, -sign * score, index) for index, curve in enumerate(curves) for time, score in set(curve))
-    front: list[FrontPoint] = []
-    best = math.inf
-    for time, group in groupby(points, key=lambda point: point[0]):
-        at_once = list(group)
-        least = at_once[0][1]
-        if least < best:
-            best = least
-            front += [FrontPoint(time, -sign * cost, index) for _, cost, index in at_once if cost == least]
-    return tuple(front)
-
-
-def spans(front: Sequence[FrontPoint]) -> Iterator[tuple[int, Point, Point]]:
-    """The front as stretches of one series each, by time: (index of the series, first point, last point)."""
-    for series, group in groupby(front, key=lambda point: point.series):
-        points = [(time, score) for time, score, _ in group]
-        yield series, points[0], points[-1]
-
-
-# ---- time to reach a score ----
-
-
-@dataclass(frozen=True)
-class Reached:
-    """One run. time: training seconds at the first scored moment at the level or better, None without one. before: the
-    moment scored before that one, 0 without one. held: whether the last score still reaches the level."""
-
-    time: float | None
-    before: float = 0.0
-    held: bool = False
-
-
-@dataclass(frozen=True)
-class ReachCell:
-    """Seconds over the seeds of a series: median, low, high, infinite where the level wasn't reached. count: seeds that
-    reached it. lost: how many of these have a worse score at the end."""
-
-    median: float
-    low: float
-    high: float
-    seeds: int
-    count: int
-    lost: int
-
-    @property
-    def text(self) -> str:
-        """A text such as "42.1 s (40.0 s to 45.2 s)" or "not reached"."""
-        if not math.isfinite(self.median):
-            return "not reached" + (f" ({self.count} of {self.seeds} seeds did)" if self.count else "")
-        text = seconds_text(self.median)
-        if self.seeds > 1:
-            high = seconds_text(self.high) if math.isfinite(self.high) else "not reached"
-            text += f" ({seconds_text(self.low)} to {high})"
-        if self.lost:
-            text += ", lost again" + (f" by {self.lost} of {self.seeds}" if self.seeds > 1 else "")
-        return text
-
-
-def reached(run: Curve, level: float, *, higher_is_better: bool) -> Reached:
-    """The first moment at which a run reaches the level; a run that failed reaches none."""
-    before = 0.0
-    for time, score in run.points if run.status is Status.OK else ():
-        if _at_least(score, level, higher_is_better):
-            return Reached(time, before, _at_least(run.points[-1][1], level, higher_is_better))
-        before = time
-    return Reached(None)
-
-
-def reach_cell(series: Series, level: float, *, higher_is_better: bool) -> ReachCell:
-    """Median and range over the seeds."""
-    found = [reached(run, level, higher_is_better=higher_is_better) for run in series.runs]
-    times = [math.inf if one.time is None else one.time for one in found]
-    there = [one for one in found if one.time is not None]
-    lost = sum(not one.held for one in there)
-    return ReachCell(statistics.median(times), min(times), max(times), len(times), len(there), lost)
-
-
-def levels(series: Sequence[Series], *, higher_is_better: bool) -> tuple[float, ...]:
-    """Levels at `_SHARES` of the way from the worst first score to the best median, each rounded to the easier side;
-    none if no run improves its score."""
-    firsts = [run.points[0][1] for one in series for run in one.runs if run.points]
-    shown = [score for one in series for _, score in one.median]
-    if not firsts or not shown:
-        return ()
-    worst, best = (min(firsts), max(shown)) if higher_is_better else (max(firsts), min(shown))
-    way = best - worst
-    if way == 0 or (way > 0) is not higher_is_better:
-        return ()
-    step = round_step(abs(way) / _STEPS_A_WAY)
-    easier = math.floor if higher_is_better else math.ceil
-    # The number of steps is rounded to six decimals before floor or ceil, so that 0.3 / 0.1 counts as 3.
-    found = [easier(round((worst + share * way) / step, 6)) * step for share in _SHARES]
-    digits = max(0, -math.floor(math.log10(step)))
-    return tuple(dict.fromkeys(round(level, digits) for level in found))
-
-
-def round_step(largest: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that isn't above `largest`, which is positive."""
-    power = 10.0 ** math.floor(math.log10(largest))
-    return next(factor * power for factor in (5.0, 2.0, 1.0) if factor * power <= largest * (1 + 1e-9) or factor == 1.0)
-
-
-def _at_least(score: float, level: float, higher_is_better: bool) -> bool:
-    return score >= level if higher_is_better else score <= level
 
 
 def seconds_text(seconds: float) -> str:

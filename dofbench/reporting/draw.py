@@ -58,7 +58,8 @@ def draw_plot(plot: Plot) -> Figure:
     from matplotlib.ticker import LogLocator, NullFormatter
 
     many = len(plot.series) > _MANY
-    labels = [_wrapped(_label(series), _COLUMN_WIDTH if many else _LEGEND_WIDTH) for series in plot.series]
+    width = _COLUMN_WIDTH if many else _LEGEND_WIDTH
+    labels = ["\n".join(textwrap.wrap(_label(one), width, subsequent_indent="  ")) for one in plot.series]
     lines = sum(label.count("\n") + 1 for label in labels) + (len(plot.front) > 1) + (plot.nothing is not None)
     longest = max(len(line) for label in labels for line in label.split("\n"))
     columns = max(1, _LEGEND_WIDTH // (longest + _SWATCH)) if many else 1
@@ -96,10 +97,6 @@ def draw_plot(plot: Plot) -> Figure:
 def _label(series: Series) -> str:
     seeds = f", median of {len(series.runs)} seeds" if _several(series) else ""
     return series.label + (f" ({series.failures})" if series.failures else "") + seeds
-
-
-def _wrapped(label: str, width: int) -> str:
-    return "\n".join(textwrap.wrap(label, width, subsequent_indent="  "))
 
 
 def _several(series: Series) -> bool:

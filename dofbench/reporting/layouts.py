@@ -1,4 +1,4 @@
-"""The paper's table layouts, filled with scores measured here; the paper's figures are in columns of their own."""
+"""The paper's table layouts, filled with scores measured here; the paper's own figures stand apart, as such."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from dofbench.evaluation.comparing.means import scene_mean
+from dofbench.evaluation.results.collecting import grouped
 from dofbench.evaluation.results.columns import COLUMNS, COST
 from dofbench.methods.cards import find_method, method_files
 from dofbench.reporting.boards import (
@@ -13,11 +15,8 @@ from dofbench.reporting.boards import (
     Line,
     Variant,
     best_texts,
-    by_kind,
     empty_columns,
     mean_lines,
-    scene_mean,
-    sign_notes,
     united,
 )
 from dofbench.reporting.paper import NOTHING_PRINTED, Figures, paper_figures, ssim_note
@@ -40,8 +39,7 @@ from dofbench.reporting.tables import (
 )
 
 _CHANGED = "the paper's figures are of the method as it is, not with these options"
-_THEIRS = "the paper's, on other data"  # heading above the columns
-_SIDEWAYS = 6  # number of methods above which the table of scenes has a row instead of columns for each method
+_THEIRS = "the paper's, on other data"
 
 
 @dataclass(frozen=True)
@@ -106,10 +104,10 @@ def layout_sections(boards: Sequence[Board]) -> tuple[Section, ...]:
     """One section for each layout and each kind of board that has scores for it; last, times and frame rates."""
     sections = []
     for layout in LAYOUTS:
-        for kind, members in by_kind([board for board in boards if board.sharp is layout.sharp]).items():
+        for kind, members in grouped([board for board in boards if board.sharp is layout.sharp], "kind").items():
             if any(_has(members, variant, column) for variant in _variants(members) for column in layout.columns):
                 sections.append(_section(layout, kind, members))
-    return (*sections, *(_time_section(kind, members) for kind, members in by_kind(boards).items()))
+    return (*sections, *(_time_section(kind, members) for kind, members in grouped(boards, "kind").items()))
 
 
 def _section(layout: Layout, kind: str, boards: Sequence[Board]) -> Section:
@@ -158,12 +156,10 @@ def _lines(boards: Sequence[Board], columns: Sequence[str]) -> dict[Variant, Lin
 
 def _nothing(boards: Sequence[Board], columns: Sequence[str]) -> list[Line]:
     """The line of the predictor that learns nothing, over these boards."""
-    lines = {board.name: board.nothing for board in boards if board.nothing is not None}
-    scenes = [board.name for board in boards]
-    return [
-        replace(line, seeds="", cells={column: scene_mean(lines, scenes, column) for column in columns})
-        for line in list(lines.values())[:1]
-    ]
+    lines, scenes = {one.name: one.nothing for one in boards if one.nothing is not None}, [one.name for one in boards]
+    found = {column: {name: line.cells[column] for name, line in lines.items()} for column in columns}
+    means = {column: scene_mean(own, scenes) for column, own in found.items()}
+    return [replace(line, seeds="", cells=means) for line in list(lines.values())[:1]]
 
 
 def _mean_table(
@@ -217,82 +213,52 @@ def _mean_table(
 
 
 def _scene_table(layout: Layout, boards: Sequence[Board], figures: Figures) -> Table:
-    """The scores scene by scene: a row for each scene and columns for each method; with many methods, rows and columns
-    are exchanged."""
+    """The scores scene by scene: a row for each method and columns for each scene; last, the paper's own rows."""
     variants = _variants(boards)
     some = {variant: board.lines[variant] for board in boards for variant in board.lines}
-    signs = {
-        variant: united(board.lines[variant].signs for board in boards if variant in board.lines)
-        for variant in variants
-    }
-    empty = empty_columns([line for board in boards for line in board.lines.values()], layout.scene_columns)
-    shown = [column for column in layout.scene_columns if column not in empty]
+    lines = [line for board in boards for line in board.lines.values()]
+    signs = {one: united(board.lines[one].signs for board in boards if one in board.lines) for one in variants}
+    theirs = {board.name: figures.of_scene(board.scene) for board in boards}
+    everywhere = empty_columns(lines, layout.scene_columns)
+    shown = [column for column in layout.scene_columns if column not in everywhere]
     best = {board.name: best_texts(list(board.lines.values()), shown) for board in boards}
-    caption, below = f"{layout.title}: scene by scene", list(not_shown(empty))
-    notes = sign_notes(line.signs for board in boards for line in board.lines.values())
+    absent = {board.name: empty_columns(list(board.lines.values()), shown) for board in boards}
+    kept = [(board, column) for board in boards for column in shown if column not in absent[board.name]]
+    silent = [
+        one for one in variants if all(_silent(board.lines[one], shown) for board in boards if one in board.lines)
+    ]
 
     def cell(board: Board, variant: Variant, column: str) -> Cell:
         if variant not in board.lines:
             return gap(f"not run on {board.name}")
         return score(board.lines[variant].cells[column], COLUMNS[column], best[board.name][column])
 
-    if len(variants) > _SIDEWAYS:
-        absent = {board.name: empty_columns(list(board.lines.values()), shown) for board in boards}
-        kept = [(board, column) for board in boards for column in shown if column not in absent[board.name]]
-        silent = [
-            variant
-            for variant in variants
-            if all(_silent(board.lines[variant], shown) for board in boards if variant in board.lines)
-        ]
-        headings = (
-            *word_headings("method", "preset"),
-            *(heading for board, column in kept for heading in score_headings([column], board.name)),
-        )
-        rows = tuple(
-            (
-                words(some[variant].method, signs[variant]),
-                words(some[variant].preset),
-                *(cell(board, variant, column) for board, column in kept),
-            )
-            for variant in variants
-            if variant not in silent
-        )
-        below += _absent([some[variant] for variant in silent], shown)
-        for name, columns in absent.items():
-            below += not_shown(columns, f"Not shown of {name}, as no row has it")
-        return Table(caption, headings, rows, below=(*below, *notes))
+    def printed(board: Board, method: str, column: str) -> Cell:
+        of_it = f"{figures.source} has no such figure of this scene"
+        return published(theirs[board.name].get(method, {}).get(column), COLUMNS[column], of_it)
 
-    theirs = {board.name: figures.of_scene(board.scene) for board in boards}
-    rows_of_theirs = [pair for found in theirs.values() for pair in found.items()]
-    printed = dict.fromkeys(
-        (method, column)
-        for method, row in rows_of_theirs
-        for column in figures.columns
-        if column in row and column in shown
-    )
-    there = [(variant, column) for variant in variants for column in shown if _has(boards, variant, column)]
-    headings = word_headings("scene")
-    for variant, column in there:
-        headings += score_headings([column], f"{some[variant].name} {signs[variant]}".strip())
-    for method, column in printed:
-        headings += score_headings([column], f"the paper's {method}, on other data", published=True)
-    no_figure = f"{figures.source} has no such figure of this scene"
-    rows = tuple(
+    rows = [
         (
-            words(board.name, united(line.signs for line in board.lines.values())),
-            *(cell(board, variant, column) for variant, column in there),
-            *(
-                published(theirs[board.name].get(method, {}).get(column), COLUMNS[column], no_figure)
-                for method, column in printed
-            ),
+            words(some[one].method, signs[one]),
+            words(some[one].preset),
+            *(cell(board, one, column) for board, column in kept),
         )
-        for board in boards
-    )
-    for variant in variants:
-        nowhere = {column: some[variant].cells[column].reason for column in shown if (variant, column) not in there}
-        below += not_shown(nowhere, f"Not shown of {some[variant].name}, as it has it nowhere")
-    below += _paper_note(figures, figures.data) if printed else ()
-    return Table(caption, headings, rows, below=(*below, *notes))
+        for one in variants
+        if one not in silent
+    ]
+    methods = dict.fromkeys(method for found in theirs.values() for method in found)
+    more = [
+        (*cells(method, _THEIRS), *(printed(board, method, column) for board, column in kept)) for method in methods
+    ]
+    more = [row for row in more if any(one.kind == "published" for one in row)]
+    headings = word_headings("method", "preset")
+    for board, column in kept:
+        headings += score_headings([column], board.name)
+    below = [*not_shown(everywhere), *_absent([some[variant] for variant in silent], shown)]
+    for name, columns in absent.items():
+        below += not_shown(columns, f"Not shown of {name}, as no row has it")
+    below += _paper_note(figures, figures.data) if more else ()
+    return Table(f"{layout.title}: scene by scene", headings, (*rows, *more), below=tuple(below))
 
 
 def _silent(line: Line, shown: Sequence[str]) -> bool:

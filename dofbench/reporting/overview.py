@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 from dofbench.core.errors import Status
 from dofbench.datasets.format.points_record import points_in_words
-from dofbench.evaluation.results.collecting import Collection, Entry
+from dofbench.evaluation.comparing.paired import Side, compare
+from dofbench.evaluation.results.collecting import Collection, Entry, grouped
 from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.methods.cards import find_method, method_files
-from dofbench.reporting.boards import Board, Line, Variant, by_kind, mean_lines, sign_notes, united
+from dofbench.reporting.boards import Board, Line, Variant, mean_lines, united
 from dofbench.reporting.sections import commit_text, machine_text
-from dofbench.reporting.statistics import Side, compare
 from dofbench.reporting.tables import Cell, Heading, Table, cells, difference, number, score, word_headings, words
 
 # What a row can be the best at, ranked by the first column that a row has: refocusing, all-in-focus views, and
@@ -73,7 +73,7 @@ def _sure(column: str, sides: Sequence[tuple[Side, Side]]) -> Cell:
 def best_table(boards: Sequence[Board]) -> Table:
     """The best row of the means over each kind's boards, and of every board."""
     rows: list[tuple[Cell, ...]] = []
-    for kind, scenes in by_kind(boards).items():
+    for kind, scenes in grouped(boards, "kind").items():
         if len(scenes) > 1:
             means = mean_lines(scenes, [*(column for columns in HEADLINES for column in columns), *_COSTS])
             rows += _rows(f"mean over {len(scenes)} scenes", kind, means, [board.variants for board in scenes])
@@ -88,8 +88,7 @@ def best_table(boards: Sequence[Board]) -> Table:
         Heading("by", largest_first=True),
         *word_headings("how sure", "at what cost"),
     )
-    below = sign_notes(line.signs for board in boards for line in board.lines.values())
-    return Table("The best over scenes and of each dataset, by PSNR", headings, tuple(rows), below=below)
+    return Table("The best over scenes and of each dataset, by PSNR", headings, tuple(rows))
 
 
 def _rows(

@@ -13,6 +13,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.evidence import ROLE_NOT_STATED
 from dofbench.core.files import write_csv, write_text
 from dofbench.core.progress import say
+from dofbench.evaluation.comparing.pairwise import pairwise
 from dofbench.evaluation.figures import file_name
 from dofbench.evaluation.results.collecting import Entry, added_columns, board_names, collect, grouped, variant_names
 from dofbench.evaluation.results.columns import (
@@ -29,7 +30,7 @@ from dofbench.reporting.ablation import read_documents
 from dofbench.reporting.boards import frozen_state, gather, role_of
 from dofbench.reporting.curves import board_plots, mean_plots
 from dofbench.reporting.draw import write_curves, write_strip
-from dofbench.reporting.pairs import comparison_rows, mean_pairs, pairwise
+from dofbench.reporting.pairs import comparison_rows, mean_pairs
 from dofbench.reporting.pictures import gallery
 from dofbench.reporting.render import html, markdown
 from dofbench.reporting.report_options import Report

@@ -8,13 +8,15 @@ from dataclasses import replace
 from dofbench.core.errors import Status
 from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS
 from dofbench.datasets.format.points_record import points_in_words
-from dofbench.evaluation.results.collecting import Entry
+from dofbench.evaluation.comparing.means import mean_and_spread
+from dofbench.evaluation.comparing.pairwise import Pair
+from dofbench.evaluation.results.collecting import Entry, grouped
 from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.evaluation.results.protocol import AIF_PREFIX, arithmetic_mean
 from dofbench.evaluation.results.result import Result
 from dofbench.methods.cards import find_method, method_files
-from dofbench.reporting.boards import Board, Line, Names, by_kind, mean_and_spread, mean_lines, sign_notes, sorted_lines
-from dofbench.reporting.pairs import Pair, pair_sections
+from dofbench.reporting.boards import Board, Line, Names, mean_lines, sorted_lines
+from dofbench.reporting.pairs import pair_sections
 from dofbench.reporting.paper import ssim_note
 from dofbench.reporting.tables import (
     Cell,
@@ -63,7 +65,7 @@ def mean_sections(
 ) -> tuple[Section, ...]:
     """Means over the boards of each kind that has several. pairs: `mean_pairs`."""
     sections = []
-    for kind, scenes in by_kind(boards).items():
+    for kind, scenes in grouped(boards, "kind").items():
         if kind in pairs:
             title, means = f"Means over scenes, {kind}", mean_lines(scenes, columns)
             table = score_table(sorted_lines(list(means.values())), columns, title)
@@ -156,10 +158,16 @@ def run_table(entries: Sequence[Entry], boards: Sequence[Board]) -> tuple[Table,
     machines: dict[str, int] = {}
     rows = []
     for entry in entries:
-        started, command, commit, machine, disabled, enabled = _how(entry.result, machines)
-        code = entry.spec.key[:8], entry.spec.code.rpartition("+")[2][:8]
-        status = str(entry.status), entry.spec.budget, started, command
-        rows.append(cells(*_names(entry, boards), *status, *code, commit, machine, disabled, enabled))
+        result, code = entry.result, (entry.spec.key[:8], entry.spec.code.rpartition("+")[2][:8])
+        how: tuple[str | Cell, ...] = (_UNKNOWN, _UNKNOWN, *code, _UNKNOWN, _UNKNOWN, "", "")
+        if result is not None:
+            machine = machines.setdefault(machine_text(result), len(machines) + 1)
+            disabled = [f"{stage}: {why}" for stage, why in result.left_out_stages.items()]
+            enabled = [f"{one['name']}: {one['reason']}" for one in result.plan.get("stages", ()) if one["runs"]]
+            command = Cell("", sort=result.command, code=(result.command,))
+            made = result.started[:16].replace("T", " "), command, *code, commit_text(result), str(machine)
+            how = (*made, "; ".join(disabled), "; ".join(enabled))
+        rows.append(cells(*_names(entry, boards), str(entry.status), entry.spec.budget, *how))
     headings = (
         *word_headings("dataset", "method", "preset", "seed", "status", "budget"),
         *word_headings("started (UTC)", wide=True),
@@ -167,20 +175,7 @@ def run_table(entries: Sequence[Entry], boards: Sequence[Board]) -> tuple[Table,
         *word_headings("disabled stages", "enabled stages, and why", wide=True),
     )
     listed = tuple(f"Machine {count}: {described}" for described, count in machines.items())
-    return Table("How each run was made", headings, tuple(rows), below=_notes(boards)), listed
-
-
-def _how(result: Result | None, machines: dict[str, int]) -> tuple[str, Cell, str, str, str, str]:
-    """(start, command, commit, number of the machine, disabled stages, enabled stages). machines: their numbers so
-    far."""
-    if result is None:
-        return _UNKNOWN, words(_UNKNOWN), _UNKNOWN, _UNKNOWN, "", ""
-    machine = machines.setdefault(machine_text(result), len(machines) + 1)
-    enabled = [f"{stage['name']}: {stage['reason']}" for stage in result.plan.get("stages", ()) if stage["runs"]]
-    disabled = [f"{stage}: {why}" for stage, why in result.left_out_stages.items()]
-    command = Cell("", sort=result.command, code=(result.command,))
-    started = result.started[:16].replace("T", " ")
-    return started, command, commit_text(result), str(machine), "; ".join(disabled), "; ".join(enabled)
+    return Table("How each run was made", headings, tuple(rows)), listed
 
 
 def stage_table(entries: Sequence[Entry], boards: Sequence[Board]) -> Table:
@@ -200,17 +195,13 @@ def stage_table(entries: Sequence[Entry], boards: Sequence[Board]) -> Table:
         shown = (Cell("not run", "number") if time is None else Cell(f"{time:.2f}", "number", time) for time in times)
         rows.append((*_names(entry, boards), *shown))
     caption = "Wall seconds of the harness's stages, and of the method's own within training"
-    return Table(caption, headings, tuple(rows), below=_notes(boards))
+    return Table(caption, headings, tuple(rows))
 
 
 def _names(entry: Entry, boards: Sequence[Board]) -> tuple[Cell, ...]:
     board = next(board for board in boards if board.key == entry.board)
     line, seed = board.lines[entry.variant], Cell(str(entry.spec.seed), sort=float(entry.spec.seed))
     return cells(board.name, words(line.method, line.signs), line.preset, seed)
-
-
-def _notes(boards: Sequence[Board]) -> tuple[str, ...]:
-    return sign_notes(line.signs for board in boards for line in board.lines.values())
 
 
 def commit_text(result: Result) -> str:

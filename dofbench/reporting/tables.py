@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Literal
 
+from dofbench.evaluation.comparing.means import Statistic
+from dofbench.evaluation.comparing.paired import Compared
 from dofbench.evaluation.results.columns import COLUMNS, Column
-from dofbench.reporting.boards import Line, Statistic, best_texts, empty_columns, sign_notes
-from dofbench.reporting.statistics import Compared
+from dofbench.reporting.boards import NOTES, Line, best_texts, empty_columns, united
 
 GAP = "–"
 _LONG = 40  # characters: a column of words at least this long gets a minimum width
@@ -43,6 +44,7 @@ class DifferenceTest:
 class Cell:
     """One cell. sort: sort key, None sorts last. spread: the number after ±. best: of its column. reason: of a gap or
     failure. code: shown as code instead of the text. unit: shown after the spread. below: second line in small print.
+    signs: those in the text, explained below the table (`boards.NOTES`).
     """
 
     text: str
@@ -55,6 +57,7 @@ class Cell:
     unit: str = ""
     below: str = ""
     test: DifferenceTest | None = None
+    signs: str = ""
 
     @property
     def long(self) -> bool:
@@ -105,6 +108,11 @@ class Table:
         return replace(self, headings=tuple(self.headings[place] for place in kept), rows=rows, names=names)
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """The lines below the table, then what the signs in it mean."""
+        return (*self.below, *(NOTES[sign] for sign in united(cell.signs for row in self.rows for cell in row)))
+
+    @property
     def left(self) -> int:
         """Number of leading columns of text."""
         return next((place for place, heading in enumerate(self.headings) if not heading.words), len(self.headings))
@@ -141,7 +149,7 @@ class Section:
 
 def words(text: str, signs: str = "") -> Cell:
     """A cell of text with signs behind it (`boards.NOTES`), sorted by the text."""
-    return Cell(f"{text} {signs}".strip(), sort=text.lower())
+    return Cell(f"{text} {signs}".strip(), sort=text.lower(), signs=signs)
 
 
 def cells(*texts: str | Cell) -> tuple[Cell, ...]:
@@ -233,7 +241,7 @@ def score_table(
     more: Sequence[tuple[Cell, ...]] = (),
     below: Sequence[str] = (),
 ) -> Table:
-    """A table of the lines in their order; below it, the columns that no line has, `below`, and the notes of signs.
+    """A table of the lines in their order; below it, the columns that no line has, and `below`.
     group: heading above the scores. more: rows after the lines."""
     empty = empty_columns(lines, columns)
     shown = [column for column in columns if column not in empty]
@@ -249,8 +257,7 @@ def score_table(
         if line.competes or any(line.cells[column].value is not None for column in shown)
     )
     headings = (*before.headings, *score_headings(shown, group), *after.headings)
-    notes = sign_notes(line.signs for line in lines)
-    return Table(caption, headings, (*rows, *more), below=(*not_shown(empty), *below, *notes))
+    return Table(caption, headings, (*rows, *more), below=(*not_shown(empty), *below))
 
 
 def not_shown(empty: Mapping[str, str], said: str = "Not shown, as no row has it") -> tuple[str, ...]:

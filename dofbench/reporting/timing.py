@@ -7,8 +7,8 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from dofbench.reporting.boards import sign_notes
-from dofbench.reporting.curves import Plot, reach_cell, reached, seconds_text, spans
+from dofbench.evaluation.comparing.score_curves import Reach, reach, reached, spans
+from dofbench.reporting.curves import Plot, seconds_text
 from dofbench.reporting.tables import Cell, Heading, Table, number, words
 
 RULE = (
@@ -69,26 +69,37 @@ def _reach_table(plot: Plot, title: str) -> Table:
     headings = [Heading(f"{score.label} {sign} {level:g} {score.unit}".strip()) for level in plot.levels]
     rows = []
     for series in plot.series:
-        found = [reach_cell(series, level, higher_is_better=plot.higher_is_better) for level in plot.levels]
-        times = [Cell(one.text, "number", one.median if math.isfinite(one.median) else None) for one in found]
+        found = [reach(series.runs, level, higher_is_better=plot.higher_is_better) for level in plot.levels]
+        times = [Cell(reach_text(one), "number", one.median if math.isfinite(one.median) else None) for one in found]
         rows.append((words(series.name, series.signs), *times))
-    below = sign_notes(series.signs for series in plot.series)
     first = Heading("time to reach", words=True)
-    return Table(f"Training time to reach a score: {title}", (first, *headings), tuple(rows), below=below)
+    return Table(f"Training time to reach a score: {title}", (first, *headings), tuple(rows))
+
+
+def reach_text(found: Reach) -> str:
+    """A text such as "42.1 s (40.0 s to 45.2 s)" or "not reached"."""
+    if not math.isfinite(found.median):
+        return "not reached" + (f" ({found.count} of {found.seeds} seeds did)" if found.count else "")
+    text = seconds_text(found.median)
+    if found.seeds > 1:
+        high = seconds_text(found.high) if math.isfinite(found.high) else "not reached"
+        text += f" ({seconds_text(found.low)} to {high})"
+    if found.lost:
+        text += ", lost again" + (f" by {found.lost} of {found.seeds}" if found.seeds > 1 else "")
+    return text
 
 
 def _front_table(plot: Plot, title: str) -> Table:
-    rows, signs = [], []
+    rows = []
     for place, first, last in spans(plot.front):
         series, times, scores = plot.series[place], (first[0], last[0]), (first[1], last[1])
         name = words(series.name, series.signs)
         shown = (number(score, plot.score.text(score)) for score in scores)
         rows.append((*(number(time, seconds_text(time)) for time in times), name, *shown))
-        signs.append(series.signs)
     texts = ("from", "to", "best", f"{plot.score.label} there", "until")
     headings = tuple(Heading(text, words=text == "best") for text in texts)
     caption = f"Pareto front of {title}: best method by training time"
-    return Table(caption, headings, tuple(rows), names=0, below=sign_notes(signs))
+    return Table(caption, headings, tuple(rows), names=0)
 
 
 def reach_rows(plots: Iterable[Plot]) -> Iterator[dict[str, object]]:

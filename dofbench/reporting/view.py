@@ -6,19 +6,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dofbench.evaluation.results.collecting import Collection, variant_names
+from dofbench.evaluation.comparing.pairwise import Pair, Variant, with_the_best
+from dofbench.evaluation.comparing.score_curves import Point
+from dofbench.evaluation.results.collecting import Collection, grouped, variant_names
 from dofbench.evaluation.scoring.error_maps import FULL_SCALE
 from dofbench.evaluation.scoring.resolved import FULL_SCALE as RESOLVED_SCALE
 from dofbench.reporting import layouts, overview, sections
-from dofbench.reporting.boards import Board, by_kind, score_columns
-from dofbench.reporting.curves import Plot, Point, Series
-from dofbench.reporting.pairs import HEADING, TESTED, Pair, with_the_best
+from dofbench.reporting.boards import Board, score_columns
+from dofbench.reporting.curves import Plot, Series
+from dofbench.reporting.pairs import EXPLANATION, HEADING, TESTED
 from dofbench.reporting.pictures import BoardPictures, packed
-from dofbench.reporting.statistics import EXPLANATION
 from dofbench.reporting.tables import Section, Table
 from dofbench.reporting.timing import CurveView, curve_rules
-
-Key = tuple[str, ...]  # identifies a board
 
 
 @dataclass(frozen=True)
@@ -68,11 +67,11 @@ def build_view(
     collection: Collection,
     boards: Sequence[Board],
     *,
-    pairs: Mapping[Key, Sequence[Pair]],
+    pairs: Mapping[Variant, Sequence[Pair]],
     of_means: Mapping[str, Sequence[Pair]],
     curves: Sequence[CurveView] = (),
     mean_curves: Sequence[CurveView] = (),
-    strips: Mapping[Key, str] = {},
+    strips: Mapping[Variant, str] = {},
     gallery: Sequence[BoardPictures] = (),
     ablations: Sequence[Section] = (),
 ) -> ReportView:
@@ -80,7 +79,7 @@ def build_view(
     file of its strip of pictures. gallery: pictures of test views."""
     entries = collection.entries
     columns, names = score_columns(entries), variant_names(entries)
-    several = {board.key for scenes in by_kind(boards).values() if len(scenes) > 1 for board in scenes}
+    several = {board.key for scenes in grouped(boards, "kind").values() if len(scenes) > 1 for board in scenes}
     views = []
     for board in boards:
         own = with_the_best(pairs[board.key], len(board.variants)) if board.key in several else pairs[board.key]

@@ -49,7 +49,7 @@ def test_a_preset_is_frozen_at_a_commit(checkout: Path, capsys: pytest.CaptureFi
     assert entry.commit == git(checkout, "rev-parse", "HEAD") and entry.commit[:12] in said
     assert entry.digest == preset_digest(find_method("fake"), "quick")
     assert app.main(["methods", "fake"]) == 0
-    assert f"quick: frozen at {entry.commit[:12]}, the default" in capsys.readouterr().out
+    assert f"quick: fixed at {entry.commit[:12]}, the default" in capsys.readouterr().out
     # A second preset can be frozen before the file is committed, and the first one stays as it was.
     git(checkout, "commit", "-q", "--allow-empty", "-m", "Something else")
     assert freeze("fake", "quick") == entry

@@ -13,20 +13,10 @@ from hypothesis import strategies as st
 
 from dofbench.core.errors import InputError, Status
 from dofbench.core.evidence import ROLE_WORDS, Role
-from dofbench.reporting.curves import (
-    Curve,
-    Plot,
-    Series,
-    joint_curve,
-    levels,
-    mean_series,
-    pareto_front,
-    parse_levels,
-    reach_cell,
-    reached,
-    spans,
-)
+from dofbench.evaluation.comparing.score_curves import Curve, joint_curve, levels, pareto_front, reach, reached, spans
+from dofbench.reporting.curves import Plot, Series, mean_series, parse_levels
 from dofbench.reporting.draw import draw_plot
+from dofbench.reporting.timing import reach_text
 from dofbench.reporting.view import plot_data
 
 # Few values, so that equal times and equal scores turn up.
@@ -143,18 +133,18 @@ def test_reached_is_the_first_scored_moment_and_no_other(curve, level: float, hi
 
 @given(st.lists(CURVES, min_size=1, max_size=5), SCORES)
 def test_a_seed_that_never_gets_there_is_later_than_all(curves, level: float) -> None:
-    cell = reach_cell(series(*curves), level, higher_is_better=True)
+    cell = reach(series(*curves).runs, level, higher_is_better=True)
     times = [min((t for t, s in curve if s >= level), default=math.inf) for curve in curves]
     assert (cell.median, cell.low, cell.high) == (statistics.median(times), min(times), max(times))
     assert cell.count == sum(map(math.isfinite, times)) and cell.seeds == len(curves)
-    assert cell.text.startswith("not reached") == math.isinf(cell.median)
+    assert reach_text(cell).startswith("not reached") == math.isinf(cell.median)
 
 
 def test_what_a_cell_says() -> None:
     one, slow, never = ((1.0, 30.0),), ((9.0, 10.0), (12.0, 30.0)), ((1.0, 10.0),)
 
     def text(*curves) -> str:
-        return reach_cell(series(*curves), 30.0, higher_is_better=True).text
+        return reach_text(reach(series(*curves).runs, 30.0, higher_is_better=True))
 
     assert text(one) == "1.0 s"
     assert text(one, slow, slow) == "12.0 s (1.0 s to 12.0 s)"
@@ -166,8 +156,8 @@ def test_what_a_cell_says() -> None:
 
 
 def test_a_run_that_failed_reaches_nothing() -> None:
-    cell = reach_cell(series(((1.0, 40.0),), status=Status.DIVERGED), 30.0, higher_is_better=True)
-    assert cell.text == "not reached"
+    cell = reach(series(((1.0, 40.0),), status=Status.DIVERGED).runs, 30.0, higher_is_better=True)
+    assert reach_text(cell) == "not reached"
 
 
 # ---- levels ----
@@ -175,10 +165,11 @@ def test_a_run_that_failed_reaches_nothing() -> None:
 
 def test_levels_by_the_stated_rule() -> None:
     rising = series(((1.0, 15.0), (9.0, 31.0)))
-    assert levels([rising], higher_is_better=True) == (23.0, 27.5, 30.0)  # steps of 0.5 dB: a twentieth of 16 is 0.8
+    # Steps of 0.5 dB: a twentieth of 16 is 0.8
+    assert levels(rising.runs, [rising.median], higher_is_better=True) == (23.0, 27.5, 30.0)
     falling = series(((1.0, 0.2), (9.0, 0.006)))
-    assert levels([falling], higher_is_better=False) == (0.105, 0.045, 0.02)
-    assert levels([series(((1.0, 15.0),))], higher_is_better=True) == ()
+    assert levels(falling.runs, [falling.median], higher_is_better=False) == (0.105, 0.045, 0.02)
+    assert levels(series(((1.0, 15.0),)).runs, [((1.0, 15.0),)], higher_is_better=True) == ()
 
 
 def test_levels_on_the_command_line() -> None:

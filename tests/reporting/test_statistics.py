@@ -14,12 +14,21 @@ from scipy import stats
 from tolerances import FLIPPED_AT_RANDOM
 
 from dofbench.core.errors import Status
+from dofbench.evaluation.comparing.means import Statistic
+from dofbench.evaluation.comparing.paired import (
+    Compared,
+    Difference,
+    adjusted,
+    compare,
+    grouped_difference,
+    holm,
+    sign_flip,
+)
 from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.result import Result, Spec, ViewScores
-from dofbench.reporting.boards import Line, Statistic
+from dofbench.reporting.boards import Line
 from dofbench.reporting.overview import Verdict, verdicts
 from dofbench.reporting.render import markdown
-from dofbench.reporting.statistics import Compared, Difference, adjusted, compare, grouped_difference, holm, sign_flip
 from dofbench.reporting.tables import Heading, Section, Table, difference
 
 # Whole numbers and powers of two, whose sums aren't rounded: what ties, ties in every order and unit.

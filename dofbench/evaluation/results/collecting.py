@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from dofbench.core.errors import InputError, Status
 from dofbench.core.files import canonical_json, files_below
@@ -16,6 +16,8 @@ from dofbench.evaluation.results.result import RESULT_FILE, Result, Spec, read_r
 from dofbench.evaluation.results.run_lease import read_lease
 from dofbench.evaluation.results.run_spec import option_words
 from dofbench.runtime.leases import at_work, leased_folders
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -189,11 +191,11 @@ def added_columns(entries: Sequence[Entry]) -> tuple[str, ...]:
     return tuple(column for column in COLUMNS if column in found and column not in SCORES)
 
 
-def grouped(entries: tuple[Entry, ...] | list[Entry], attribute: str) -> dict[tuple[str, ...], list[Entry]]:
-    """Entries by `board` or `variant`, in order."""
-    groups: dict[tuple[str, ...], list[Entry]] = {}
-    for entry in entries:
-        groups.setdefault(getattr(entry, attribute), []).append(entry)
+def grouped(items: Iterable[T], attribute: str) -> dict[Any, list[T]]:
+    """Items by an attribute, in order: entries by `board` or `variant`, boards by `kind`."""
+    groups: dict[Any, list[T]] = {}
+    for item in items:
+        groups.setdefault(getattr(item, attribute), []).append(item)
     return groups
 
 

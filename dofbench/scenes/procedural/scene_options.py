@@ -13,7 +13,7 @@ from dofbench.core.options import NumberList, options
 
 Variant = Literal["auto", "llvm_ad_rgb", "scalar_rgb"]
 ALL = "all"
-# Recipes on which anything may be tried, and recipes of scenes on which only frozen presets are run.
+# Recipes on which anything may be tried, and recipes of scenes on which only fixed presets are run.
 DEVELOPMENT = ("corridor", "fence", "foliage", "gloss", "macro", "meadow", "night", "tabletop", "tiles")
 REPORT = ("attic", "firtree", "glaze", "moss", "spokes", "street")
 NAMES = tuple(sorted((*DEVELOPMENT, *REPORT)))

@@ -1,0 +1,1 @@
+"""Compares runs: means over seeds and scenes, paired differences, and scores against training time."""
