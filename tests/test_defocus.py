@@ -68,6 +68,7 @@ def test_cpu_agrees_with_the_reference(blur, form):
     assert relative(found[2], expected[2]) < FLOAT32_GRADIENT
 
 
+@pytest.mark.slow
 def test_gradient_of_the_reference_by_finite_differences():
     image, radius = (t.double().requires_grad_() for t in scene(3, 4, 5, 2.0))
     inputs = (image.detach().clamp(0.05, 0.95).requires_grad_(), radius)

@@ -147,6 +147,7 @@ def test_a_reader_as_the_page_adds_it(done, tree: Path) -> None:
     done(ROOT / "docs" / "add-a-reader.md", tree)
 
 
+@pytest.mark.slow
 def test_a_kernel_backend_as_the_page_adds_it(done, tree: Path) -> None:
     done(ROOT / "docs" / "add-a-kernel-backend.md", tree)
 
@@ -159,6 +160,7 @@ def test_a_metric_as_the_page_adds_it(done, tree: Path) -> None:
     assert "aif_mae" in said, "the metrics that score can add are named"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [ROOT / "README.md", ROOT / "docs" / "conventions.md"], ids=name)
 def test_python_on_a_page_runs(done, page: Path) -> None:
     assert any(block.language == "python" for block in blocks(page))

@@ -61,6 +61,7 @@ def test_train_and_score(results: Path, place: Path, capsys: pytest.CaptureFixtu
     assert "  delta_a: " in printed  # six steps show no trial all photographs, so the lens stays
 
 
+@pytest.mark.slow
 def test_read_results(results: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main_of("05_read_results.py")(results, place / "report")
     assert "tabletop, dofgaussian cpu, seed 0: ok, psnr" in capsys.readouterr().out

@@ -60,6 +60,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return folder, cache
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_a_damaged_cache_is_compiled_again(whole: tuple[Path, Path], tmp_path: Path, damage: str, suffix: str) -> None:
@@ -73,6 +74,7 @@ def test_a_damaged_cache_is_compiled_again(whole: tuple[Path, Path], tmp_path: P
         assert _ran(folder, copy) == "42 0 True"
 
 
+@pytest.mark.slow
 def test_a_change_of_a_module_next_to_it_compiles_it_again(whole: tuple[Path, Path], tmp_path: Path) -> None:
     folder, cache = tmp_path / "program", tmp_path / "cache"
     shutil.copytree(whole[0], folder)

@@ -156,6 +156,7 @@ def test_photographs_are_trained_on_scored_checked_and_reported(
     assert "trained on unknown lenses" in (report / "leaderboard.md").read_text()
 
 
+@pytest.mark.slow
 def test_photographs_that_are_sharp_after_all_are_trained_on_without_a_lens(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

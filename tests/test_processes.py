@@ -189,6 +189,7 @@ def waits(folder, name, report):
     return f"{len(list(Path(folder).iterdir()))} begun"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("takes", "together"),
     [

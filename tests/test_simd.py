@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 from numba import njit
 from tolerances import EIGHT_LANES, EXP2_FAST
 
@@ -80,6 +81,7 @@ def test_exp_at_its_ends():
     assert list(out[1:6]) == [np.inf, 0, np.inf, 0, 1]
 
 
+@pytest.mark.slow
 def test_cached_code_is_forgotten_when_a_module_beside_it_changes(tmp_path):
     constants = tmp_path / "constants.py"
     (tmp_path / "kernel.py").write_text(

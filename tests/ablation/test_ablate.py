@@ -178,6 +178,7 @@ def test_every_value_of_the_files_is_a_run_s(ablate, tmp_path: Path) -> None:
     assert summary["some", "mean", "psnr"]["paper"] == "20.5" and summary["more", "mean", "psnr"]["paper"] == ""
 
 
+@pytest.mark.slow
 def test_means_and_differences_over_datasets(ablate, tmp_path: Path) -> None:
     other = write_dataset(tmp_path / "other", name="ripples", seed=1, test=5)
     _, _, _, out = ablate(data=f"{tmp_path / 'data'},{other}")
@@ -254,6 +255,7 @@ def test_a_table_that_has_just_begun(ablate, tmp_path: Path) -> None:
     assert float(some["PSNR [dB] ↑"].strip("*")) > 10 and more["PSNR [dB] ↑"].startswith("not run yet[^")
 
 
+@pytest.mark.slow
 def test_a_failing_cell_stops_nothing_else(ablate, tmp_path: Path) -> None:
     (tmp_path / "tables.toml").write_text(TABLES.replace("set = { noise = 0.8 }", 'set = { trouble = "lost" }', 1))
     other = write_dataset(tmp_path / "other", name="ripples", seed=1)
@@ -280,6 +282,7 @@ def test_no_mean_over_an_incomplete_set(ablate, tmp_path: Path) -> None:
     assert pinhole["PSNR [dB] ↑"].startswith("not run yet")
 
 
+@pytest.mark.slow
 def test_a_crash_is_tried_again(ablate, tmp_path: Path) -> None:
     (tmp_path / "tables.toml").write_text(TABLES.replace("set = { noise = 0.8 }", 'set = { trouble = "crash" }', 1))
     assert len(ablate()[1]) == 6
@@ -317,6 +320,7 @@ def test_sharp_inputs_leave_the_lens_out_unless_forced(ablate) -> None:
     assert "One seed: the spread is unknown" in page and "Trained and tested on all-in-focus images" in page
 
 
+@pytest.mark.slow
 def test_held_out_lenses_have_tables_of_their_own(ablate, tmp_path: Path) -> None:
     held = write_dataset(tmp_path / "apart", name="apart", assign="held-out")
     _, made, said, out = ablate(data=f"{tmp_path / 'data'},{held}", table=None, seeds=1)

@@ -111,6 +111,7 @@ def test_nothing_is_tuned_on_a_report_scene(ablate: Callable[..., str], tmp_path
     ablate(scene(tmp_path, "mine", None, None), table=TUNING)  # a scene of one's own
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("other", [("development", "llff/fern"), (None, None)])
 def test_a_table_never_averages_over_roles(ablate: Callable[..., str], tmp_path: Path, other: tuple) -> None:
     report = scene(tmp_path, "room", "report", "llff/room")
@@ -119,6 +120,7 @@ def test_a_table_never_averages_over_roles(ablate: Callable[..., str], tmp_path:
     ablate(report, scene(tmp_path, "attic", "report", "report/attic"), table="other")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("role", "by", "sign"), [("development", "llff/fern", "†"), ("report", "llff/room", "‡"), (None, None, "")]
 )

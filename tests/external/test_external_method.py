@@ -103,6 +103,7 @@ def result_of(end: dofbench.Outcome) -> dofbench.Result:
     return dofbench.read_result(end.folder)
 
 
+@pytest.mark.slow
 def test_pictures_and_lenses_are_scored(made: Make, tmp_path: Path) -> None:
     burn = "start = time.process_time(); _ = [i for i in iter(lambda: time.process_time() - start < 0.5, False)]"
     end = made(train=f"{burn}; room = bytearray(300_000_000)")
@@ -153,6 +154,7 @@ def test_what_the_program_is_given(made: Make, tmp_path: Path) -> None:
     assert np.allclose(centres, [view.camera.centre for view in [*tests, *views]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "status", "message"),
     [

@@ -39,6 +39,7 @@ def trained(shown: TrainingSet | None = None, seed: int = 0, **changes: object) 
     return method, recorder
 
 
+@pytest.mark.slow
 def test_it_learns_the_photographs_and_the_planes() -> None:
     method, recorder = trained(steps=400)
     assert np.mean(recorder.losses[-20:]) < 0.3 * np.mean(recorder.losses[:20])
@@ -48,6 +49,7 @@ def test_it_learns_the_photographs_and_the_planes() -> None:
         assert float(np.square(rendering.image - view.image).mean()) < 0.03
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_field_and_another_seed_another() -> None:
     images = [trained(seed=seed)[0].render(cameras()[0], None).image for seed in (3, 3, 4)]
     assert np.array_equal(images[0], images[1]) and not np.array_equal(images[0], images[2])

@@ -110,6 +110,7 @@ def test_a_wall_through_points_of_a_lens() -> None:
     assert float((small - sharp).mean()) == pytest.approx(0.05 * radius**2 / 4, rel=DISC_ON_FEWER_PIXELS)
 
 
+@pytest.mark.slow
 def test_a_photograph_has_rays_of_its_own_number() -> None:
     """Not as many as a pixel has in training."""
     method = LensNeRF({**SHORT, "lens_points": 5, "render_points": 7}, 0, "cpu")
@@ -122,6 +123,7 @@ def test_a_photograph_has_rays_of_its_own_number() -> None:
         LensNeRF({"render_points": 0}, 0, "cpu")
 
 
+@pytest.mark.slow
 def test_a_scattered_view_is_the_sharp_view_defocused() -> None:
     method, _ = trained("patch")
     camera, lens = cameras()[1], PhysicalLens(25.0, 0.2, WIDTH)
@@ -131,6 +133,7 @@ def test_a_scattered_view_is_the_sharp_view_defocused() -> None:
     assert np.array_equal(method.sketch(sharp, lens).image, method.render(camera, lens).image)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [LensNeRF, NeRFocus])
 def test_a_sketch_is_about_the_photograph(make: type[FieldMethod]) -> None:
     method = make({**SHORT, "render_points": 64}, 0, "cpu")

@@ -364,6 +364,7 @@ def test_a_lens_blurs_the_wall_over_its_circle_of_confusion(aperture: float, dep
     assert float((light - expected).abs().max()) < DISC_OF_A_PIXEL * float(expected.max())
 
 
+@pytest.mark.slow
 def test_a_lens_is_found_before_two_walls() -> None:
     """Photographs of walls at two depths through a known lens: aperture and focus follow."""
     true, learned = lenses(1.2, 0.25), lenses(rate=0.01)

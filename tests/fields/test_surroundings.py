@@ -160,6 +160,7 @@ def test_rates_rise_from_nothing_where_views_are_from_all_around(turned: bool, s
     assert rate == pytest.approx(share * options.rates.grid_lr * 0.05**0.02, rel=FLOAT64_VALUE)
 
 
+@pytest.mark.slow
 def test_rays_begin_farther_away_while_training_begins() -> None:
     """At the first of 300 steps, at the second, and when all of them are taken."""
     shown, near = photographs(), []
@@ -184,6 +185,7 @@ def test_what_lies_behind_is_learned_and_stored(tmp_path: Path, monkeypatch: pyt
     assert error(trained(photographs())) > 5 * error(method)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("missing", ["surroundings", "space_box_low", "space_near"])
 def test_a_field_that_an_earlier_version_stored_is_one_line(tmp_path: Path, missing: str) -> None:
     """Its box was all that it had: neither anything behind it nor space around it, and it began at the camera."""

@@ -155,6 +155,7 @@ def test_another_forward_model_must_be_better_for_sure():
     assert _decided(Scripted(better, noise=3.0), "model")[0] == {}
 
 
+@pytest.mark.slow
 def test_training_goes_on_without_the_lens_that_sharp_photographs_do_without():
     trainer = Trainer(training_set(), options(**OPEN, lens_init_aperture=0.05), 0)
     outcome = trainer.fit(Budget(), Recorder())
@@ -207,6 +208,7 @@ def test_density_control_that_a_trial_put_off_comes_right_after_it():
     assert after != before and len(trainer.gaussians) == after
 
 
+@pytest.mark.slow
 def test_tiles_are_held_back_until_the_trials_are_over():
     trainer = Trainer(training_set(), options(**OPEN), 0)
     assert trainer._scale_views()[1][0].held_back is not None

@@ -34,6 +34,7 @@ def another_machine(monkeypatch: pytest.MonkeyPatch, name: str = "another one") 
     monkeypatch.setattr(leases, "_machine", lambda: name)
 
 
+@pytest.mark.slow
 def test_folders_of_several_machines_are_merged_by_key(call, tmp_path: Path) -> None:
     first, second = call(), call(seed=1)
     other = tmp_path / "other"
@@ -90,6 +91,7 @@ def test_a_run_that_died_on_one_machine_and_was_finished_on_another_is_one(call,
     assert [entry.status for entry in collect(tmp_path / "other", tmp_path / "results").entries] == [Status.OK]
 
 
+@pytest.mark.slow
 def test_a_run_of_a_machine_that_is_gone_is_made_by_another(
     call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -85,6 +85,7 @@ def test_the_report_shows_no_column_without_a_value(
     assert (tmp_path / "report" / "comparison" / "seal-refocus-v3.png").is_file()
 
 
+@pytest.mark.slow
 def test_photographs_are_scored_by_what_half_of_each_tells(call: Callable[..., Outcome], tmp_path: Path) -> None:
     data = write_dataset(tmp_path / "photographs", name="seal", unknown=EVERY, blurred=EVERY, flat=EVERY, exact=False)
     end = call(data=data)

@@ -75,6 +75,7 @@ def assert_agrees(image, radius, gradient, form, **options):
 # ------------------------------------------------------------------------------------------------ the definition
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [DISC, HEXAGON, DONUT])
 def test_gradient_of_the_definition(shape):
     image, radius, _ = scene(1, 4, 5, 0.1, 2.5, channels=2)
@@ -116,6 +117,7 @@ def test_a_polygon_points_where_its_shape_says():
 # ------------------------------------------------------------------------------------------- CPU against definition
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("shape", "form"), WAYS)
 def test_radii_beyond_the_range_of_float32_exponents(shape, form):
     assert_agrees(*scene(3, 24, 40, 0.0, 28.0), form, shape=shape)
@@ -168,6 +170,7 @@ def test_gradient_at_focus_counts_as_nearer(scatter):
         assert relative(sign * other, by_radius[0]) < FLOAT32_GRADIENT
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 2**31),
     height=st.integers(1, 14),

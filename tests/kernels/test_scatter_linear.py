@@ -40,6 +40,7 @@ def errors(image, radius, **options) -> tuple[float, float]:
     return float(difference.max() / expected.abs().max()), float((difference / expected.abs()).max())
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 2**31),
     height=st.integers(1, 40),

@@ -264,6 +264,7 @@ def test_noncontiguous_images() -> None:
     assert_agrees(kernel, reference, *turned)
 
 
+@pytest.mark.slow
 def test_kernel_from_the_cache_gives_the_same_bits(tmp_path: Path) -> None:
     """With fastmath, a kernel fresh from the compiler and the same one from numba's cache differed."""
     script = (

@@ -62,6 +62,7 @@ def test_a_model_says_what_it_needs(model, monkeypatch: pytest.MonkeyPatch) -> N
     assert (model.needs_sharp_render, model.samples_aperture) == (bool(looked), bool(moved))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [RobustSplatting, Deblurring3DGS, MaskedDeblurring, CoCoGaussian, BAGS])
 def test_what_is_learned_explains_the_photographs_and_is_left_out_of_renderings(kind, tmp_path) -> None:
     enlarged = {"enlarge_lambda": 1.0, "enlarge_most": 3.0}

@@ -21,7 +21,13 @@ METHODS = sorted(file.parent.name for file in content_folder("methods").glob("*/
 LENS = PhysicalLens(aperture=30.0, focus_disparity=1 / 6, width=48)
 
 
-@pytest.mark.parametrize("name", METHODS)
+# Each field takes seconds; of these the first and the paper's rival stand for the rest in the fast suite.
+SLOW = {"deblurnerf", "dpnerf", "lensnerf", "nerfocus", "pdrf"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in METHODS]
+)
 def test_it_keeps_the_contract(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     called = record_ops(monkeypatch)
     entry, given, camera = find_method(name), training_set(), cameras()[0]

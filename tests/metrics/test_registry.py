@@ -141,6 +141,7 @@ def test_importing_the_registry_loads_nothing_heavy() -> None:
     assert not heavy & imported_by("import dofbench.evaluation.metrics")
 
 
+@pytest.mark.slow
 def test_metrics_print_nothing() -> None:
     script = (
         "import numpy as np; from dofbench.evaluation.metrics import METRICS, score_image\n"

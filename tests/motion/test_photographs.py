@@ -183,6 +183,7 @@ def with_colour_box(video, codes):
     video.write_bytes(content)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "codes, said",
     [

@@ -61,6 +61,7 @@ def test_the_same_photographs_give_the_same_points_whatever_lay_there(points, ph
         np.testing.assert_array_equal(getattr(again, name), getattr(points, name))
 
 
+@pytest.mark.slow
 def test_a_tighter_geometry_keeps_fewer_matches(photographs, tmp_path):
     kept = []
     for name, error in (("usual", None), ("tight", 0.5)):

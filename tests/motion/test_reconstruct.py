@@ -123,6 +123,7 @@ def bare(root, layout, offset=NO_OFFSET):
     return root
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["llff", "nerfstudio", "colmap"])
 def test_poses_without_points_are_kept_and_points_found(tmp_path, true_scene, layout, capsys):
     source = bare(tmp_path / "bare", layout)
@@ -224,6 +225,7 @@ def test_what_does_not_hang_together_is_no_scene(tmp_path, capsys):
     assert not (tmp_path / "out/reconstruct.json").exists()
 
 
+@pytest.mark.slow
 def test_one_that_does_not_belong_is_left_out_and_named(photographs, tmp_path, capsys):
     source = shutil.copytree(photographs, tmp_path / "in")
     for name in ("view_010", "view_011"):
@@ -249,6 +251,7 @@ def test_all_at_once_gives_poses_too(photographs, tmp_path, reconstruct):
     assert content["mapping"]["how"] == "global" and sum(view["registered"] for view in content["views"]) == 6
 
 
+@pytest.mark.slow
 def test_a_video_becomes_a_scene(photographs, tmp_path, capsys):
     """Of each of five windows of three frames the sharp one is in the middle."""
     writer = cv2.VideoWriter(str(tmp_path / "walk.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10, (320, 240))
@@ -274,6 +277,7 @@ def test_waiting_raises_what_the_call_raised_and_looks_meanwhile():
         wait(lambda: 1 / 0)
 
 
+@pytest.mark.slow
 def test_photographs_of_light_become_a_scene_of_light(photographs, tmp_path):
     source = tmp_path / "light"
     for file in photographs.glob("*.png"):

@@ -97,6 +97,7 @@ def test_a_map_at_half_the_size_mixes_nothing(photographed):
     assert torch.equal(full.depth, torch.from_numpy(depth[depth > 0]))
 
 
+@pytest.mark.slow
 def test_training_by_stereo_brings_depth_nearer_to_the_truth(photographed):
     """Trainings from the same start, in which depth is the only loss: the result follows the prior's depth."""
     errors = {}

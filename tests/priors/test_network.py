@@ -119,6 +119,7 @@ def test_the_shipped_network_as_it_is_fits_the_scene_roughly(photographed):
     assert _error(maps, photographed) < 0.7 * _error(constant, photographed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["squared", "absolute"])
 def test_tuning_brings_it_nearer_to_the_truth(photographed, known, loss, monkeypatch):
     monkeypatch.setattr(networks, "LONGEST", 96)  # a sixth of the pixels, and of the time

@@ -142,6 +142,7 @@ def test_a_mean_over_scenes_has_the_spread_of_its_seeds(plain, call, made, tmp_p
     assert "±" not in means["pinhole"][column] and means["pinhole"]["seeds"] == "not the same on all"
 
 
+@pytest.mark.slow
 def test_methods_are_compared_view_by_view(plain, call, made, tmp_path: Path) -> None:
     write_dataset(tmp_path / "data", test=7)
     one = read_result(call(set=("noise=0.5",)).folder)
@@ -175,6 +176,7 @@ def test_methods_are_compared_view_by_view(plain, call, made, tmp_path: Path) ->
     assert not {"photo_psnr", "across_psnr"} & {row["column"] for row in rows(out / "comparisons.csv")}
 
 
+@pytest.mark.slow
 def test_of_many_methods_each_is_compared_with_the_best_and_with_those_asked_for(plain, call, tmp_path: Path) -> None:
     for noise in range(1, 9):
         call(set=(f"noise=0.{noise}",))
@@ -194,6 +196,7 @@ def test_of_many_methods_each_is_compared_with_the_best_and_with_those_asked_for
         compared(against="pinhole, other")
 
 
+@pytest.mark.slow
 def test_scenes_are_compared_together_where_both_have_all(plain, call, made, tmp_path: Path) -> None:
     write_dataset(tmp_path / "data", test=4)
     other = write_dataset(tmp_path / "other", name="ripples", seed=1, test=3)

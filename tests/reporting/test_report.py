@@ -179,6 +179,7 @@ def test_figures_are_there_and_linked(call, made, monkeypatch: pytest.MonkeyPatc
     assert {path.suffix for path in (out / "curves").iterdir()} == {".svg", ".png"}
 
 
+@pytest.mark.slow
 def test_the_mean_over_scenes_has_curves_too(call, made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(draw, "PLOTTED", ("psnr",))
     ends = [read_result(call().folder)]

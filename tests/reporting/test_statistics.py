@@ -91,6 +91,7 @@ def test_every_group_weighs_the_same() -> None:
     assert found.p == 2.0**-9 and found.low == pytest.approx(2.0) == found.high
 
 
+@pytest.mark.slow
 def test_the_interval_holds_the_truth_about_as_often_as_it_says() -> None:
     random = np.random.default_rng(1)
     inside = 0

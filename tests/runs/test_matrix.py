@@ -97,6 +97,7 @@ def test_impossible_matrices(changes: dict, match: str) -> None:
         Runs(**{"method": "a", **changes}).cells()
 
 
+@pytest.mark.slow
 def test_a_run_of_a_matrix_is_the_single_run(call, matrix, tmp_path: Path) -> None:
     single = call(method="pinhole", data=tmp_path / "other", seed=1)
     before = (single.folder / "result.json").read_bytes()
@@ -110,6 +111,7 @@ def test_a_run_of_a_matrix_is_the_single_run(call, matrix, tmp_path: Path) -> No
         assert file.parent == cell.out / result.spec.folder
 
 
+@pytest.mark.slow
 def test_nothing_runs_twice_and_more_is_added(matrix, tmp_path: Path) -> None:
     assert len(matrix(seeds=1)[1]) == 4
     before = results(tmp_path / "results")

@@ -70,6 +70,7 @@ CALL = (
 )
 
 
+@pytest.mark.slow
 def test_a_dry_run_says_what_will_be_done_and_how_long_it_takes(desk: Path):
     said = dofbench(desk, *CALL, "--dry-run")
     assert "camera poses and points of 9 photographs: about" in said and "dofgaussian, seed 0: about" in said

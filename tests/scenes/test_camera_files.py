@@ -146,6 +146,7 @@ def test_damaged_files_are_named(tmp_path):
             assert exif_of_image(tmp_path / name).f_number is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".heic", ".avif", ".dng", ".png", ".exr"])
 def test_mutated_files_are_read_or_named(tmp_path, suffix):
     if camera_files.is_camera_file(Path(f"a{suffix}")) and camera_files.missing_package(Path(f"a{suffix}")):

@@ -45,6 +45,7 @@ def test_a_scene_and_the_folder_that_holds_it_are_listed_alike(scene):
     assert given(scene.parent) == given(scene)
 
 
+@pytest.mark.slow
 def test_a_scene_with_deleted_images_is_listed_and_is_not_whole(scene, capsys):
     (scene / "images/3.png").unlink()
     (listed,) = given(scene)
@@ -55,6 +56,7 @@ def test_a_scene_with_deleted_images_is_listed_and_is_not_whole(scene, capsys):
     assert "--skip-missing" in said and "no scene" not in said
 
 
+@pytest.mark.slow
 def test_folders_without_a_scene(scene, capsys, tmp_path):
     folder = scene.parent / "notes"
     (listed,) = given(folder)

@@ -82,6 +82,7 @@ def test_fox_is_the_same_through_colmap(real_data):
     assert all(np.array_equal(x, y) for x, y in zip(a.points.views, b.points.views, strict=True))
 
 
+@pytest.mark.slow
 def test_fox_points_land_on_their_undistorted_keypoints(real_data):
     """Keypoints were found in the distorted photographs; undistorted, they are where the straight cameras see them."""
     scene = load_scene(real_data(FOX))

@@ -149,6 +149,7 @@ def test_a_lost_confidence_map_is_found_and_made_again(make):
     assert ((out / "confidence/v03.png").read_bytes(), (out / "dataset.json").read_bytes()) == before
 
 
+@pytest.mark.slow
 def test_a_run_that_ends_among_the_views_forgets_nothing(make, monkeypatch, contents, table_top):
     """The statistics of views that an earlier run finished come from that run."""
     open_source, left = depth_sources.open_source, [3]
@@ -181,6 +182,7 @@ def elsewhere(array, places):
     return copy
 
 
+@pytest.mark.slow
 def test_the_manifest_follows_from_the_files_whatever_the_last_digits_in_memory(make, monkeypatch, table_top):
     """Sums round differently by machine and by alignment: what comes of that may not reach the manifest."""
     random = np.random.default_rng(0)
@@ -247,6 +249,7 @@ def test_every_figure_of_the_manifest_can_be_computed_again_from_the_files(table
         assert view["confidence"] == pytest.approx(levels[read_exr(out / f"depth/{view['view']}.exr") > 0].mean() / 255)
 
 
+@pytest.mark.slow
 def test_sfm_from_the_command_line(tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["make-dataset", "tabletop", "--width", "80", "--depth", "sfm", "--out", str(out)]) == DONE

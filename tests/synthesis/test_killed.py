@@ -37,7 +37,8 @@ def kill_and_repeat(out, arguments, kills, seed, total):
     return hit
 
 
-@pytest.mark.parametrize("kills, seed", [(3, 0), pytest.param(12, 1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kills, seed", [(3, 0), (12, 1)])
 def test_one_dataset(scene, dataset_as_called, tmp_path, contents, kills, seed):
     out = tmp_path / "out"
     hit = kill_and_repeat(out, (scene, "--out", out), kills, seed, count(dataset_as_called))
@@ -45,7 +46,8 @@ def test_one_dataset(scene, dataset_as_called, tmp_path, contents, kills, seed):
     assert contents(out) == contents(dataset_as_called)
 
 
-@pytest.mark.parametrize("kills, seed", [(2, 0), pytest.param(12, 1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kills, seed", [(2, 0), (12, 1)])
 def test_several_datasets_side_by_side(scene, write_scene, tmp_path, contents, kills, seed):
     other = write_scene(tmp_path / "other")
     arguments = (scene, other, *LENSES, "--jobs", "2")

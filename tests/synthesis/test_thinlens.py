@@ -110,6 +110,7 @@ def forged(dataset: Path, tmp_path: Path) -> Path:
     return copy
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("with_mitsuba", [True, False])
 def test_check_sees_an_image_that_is_not_the_lenss(
     with_mitsuba: bool, dataset: Path, forged: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -122,6 +123,7 @@ def test_check_sees_an_image_that_is_not_the_lenss(
     assert ("compared with the scatter alone" in capsys.readouterr().err) is not with_mitsuba
 
 
+@pytest.mark.slow
 def test_a_closed_aperture_and_a_noisy_sensor(rendered: Path, tmp_path: Path) -> None:
     closed = made(rendered, tmp_path / "closed", aperture=(0.0,), lens_samples=8)
     assert (closed / "images/view_001.png").read_bytes() == (closed / "all_in_focus/view_001.png").read_bytes()

@@ -50,6 +50,7 @@ def test_one_plane_out_of_focus_is_what_the_scatter_makes_of_it():
     assert psnr(RENDER["no blur"](truth), truth.photograph, truth.border) < 30
 
 
+@pytest.mark.slow
 def test_a_hexagonal_lens_is_what_the_hexagonal_scatter_makes_of_it():
     truth = photograph((Plane(8, 3.0, "all", 1.0, highlights=0.0005),), 8.0, 0.0, ApertureShape(6))
     hexagon, disc = (

@@ -144,6 +144,7 @@ def test_an_interrupted_run_leaves_tables_and_goes_on(rendered, blb, tmp_path, c
     assert "Unfinished" not in (tmp_path / "out" / "renderer.md").read_text()
 
 
+@pytest.mark.slow
 def test_half_a_file_of_scores_counts_as_none(rendered, tmp_path, counted):
     validate(rendered, out=tmp_path)
     counted.clear()
