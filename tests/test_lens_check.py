@@ -83,12 +83,14 @@ def test_subsets():
     ("changes", "points", "trial", "both"),
     [
         ({}, "no lens", "", ""),
-        ({"tried": "no"}, "no lens", "no lens", "no lens"),
-        ({"tried": "no", "points_px": "3"}, "", "no lens", ""),  # a clear estimate needs no trial
-        ({"tried": "no", "points_px": ""}, "", "no lens", "no lens"),
+        ({"gain": "0"}, "no lens", "no lens", "no lens"),
+        ({"gain": "0.3", "error": "0.4"}, "no lens", "no lens", "no lens"),
+        ({"circle": "0.2"}, "no lens", "no lens", "no lens"),
+        ({"gain": "0", "points_px": "3"}, "", "no lens", ""),  # a clear estimate needs no trial
+        ({"gain": "0", "points_px": ""}, "", "no lens", "no lens"),
         ({"lens": "no"}, "", "lens", "lens"),
-        ({"lens": "no", "tried": "no", "points_px": "0.8"}, "lens", "", ""),
-        ({"lens": "faint", "tried": "no"}, "", "", ""),
+        ({"lens": "no", "gain": "0", "points_px": "0.8"}, "lens", "", ""),
+        ({"lens": "faint", "gain": "0"}, "", "", ""),
     ],
 )
 def test_what_counts_as_a_mistake(changes, points, trial, both):
@@ -117,11 +119,11 @@ def test_what_counts_as_shared_wrongly(truth, shared, error):
 def test_the_tables_count_mistakes_by_length(tmp_path):
     rows = [
         _row(),
-        _row(case="lost", tried="no", share="scene", true_circle="0.9"),
+        _row(case="lost", gain="0", share="scene", true_circle="0.9"),
         _row(case="tied", share="view", kind="other"),
-        _row(case="sharp", lens="no", tried="no"),
+        _row(case="sharp", lens="no", gain="0"),
         _row(case="broken", tried="", status="dataset: found no points"),
-        _row(case="longer", steps="1000", tried="no"),
+        _row(case="longer", steps="1000", gain="0"),
     ]
     tables.write_tables(tmp_path, rows)
     rates, circles, kinds, sharing = (
@@ -138,7 +140,7 @@ def test_the_tables_count_mistakes_by_length(tmp_path):
         ("grid", "yes", "2", "1"), ("grid", "no", "1", "0"), ("other", "yes", "1", "1"),
     }  # fmt: skip
     assert {row["truth"]: (row["cases"], row["shared"][:6], row["apart"][:6]) for row in sharing} == {
-        "scene": ("1", "0 of 1", "0 of 1"), "aperture": ("1", "0 of 1", "0 of 1"), "exif": ("0", "–", "–"),
+        "scene": ("0", "–", "–"), "aperture": ("1", "0 of 1", "0 of 1"), "exif": ("0", "–", "–"),
         "view": ("1", "1 of 1", "0 of 1"),
     }  # fmt: skip
 

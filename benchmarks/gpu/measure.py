@@ -11,7 +11,7 @@ or on another GPU are made again:
   at the measured bandwidth; and gsplat's rasteriser on the same Gaussians, where it can be imported.
 - cost: the rasteriser and the scatter renderer over numbers of Gaussians, pixels and radii.
 - step: a training step on each dataset: its kernels, their launches, and what the host does meanwhile.
-- training: DoF-Gaussian on each dataset for 5 000 and for 30 000 steps: scores, time, frames per second, memory.
+- training: LensSelect on each dataset for 5 000 and for 30 000 steps: scores, time, frames per second, memory.
 
 It needs a GPU and `pip install dofbench[gpu]`; no internet. Datasets are made before, on any machine (docs/gpu.md has
 the commands); one that isn't there is named and skipped. A part that fails is reported with its error, and the others
@@ -221,10 +221,10 @@ def cost(settings: Settings) -> dict[str, Any]:
 
 
 def step(settings: Settings, data: Path) -> dict[str, Any]:
-    """Profile a training step of DoF-Gaussian."""
+    """Profile a training step of LensSelect."""
     if not (data / MANIFEST).is_file():
         return {"left_out": f"{data} is no dataset"}
-    return step_parts(data, "dofgaussian", settings.preset, DEVICE, settings.warm, settings.profiled)
+    return step_parts(data, "lensselect", settings.preset, DEVICE, settings.warm, settings.profiled)
 
 
 def training(settings: Settings, data: Path, steps: int) -> dict[str, Any]:
@@ -233,7 +233,7 @@ def training(settings: Settings, data: Path, steps: int) -> dict[str, Any]:
         return {"left_out": f"{data} is no dataset"}
     budget = Budget(steps=steps)
     wanted = RunSpec(
-        method="dofgaussian",
+        method="lensselect",
         preset=settings.preset,
         data=data,
         budget=budget,
@@ -275,7 +275,7 @@ def parts(settings: Settings) -> Iterator[tuple[str, Callable[[], dict[str, Any]
 def measure(settings: Settings) -> dict[str, Any]:
     """Make every missing part, keep each at once, and return all."""
     file = settings.work / "gpu.json"
-    head = {"gpu": torch.cuda.get_device_name(DEVICE), "code": code_version(find_method("dofgaussian").folder, DEVICE)}
+    head = {"gpu": torch.cuda.get_device_name(DEVICE), "code": code_version(find_method("lensselect").folder, DEVICE)}
     found = read_json(file) if file.is_file() else {}
     if {name: found.get(name) for name in head} != head:
         found = {**head, "commit": git_state(), "parts": {}}

@@ -150,7 +150,7 @@ def fill(
 
 def options(settings: Settings, **changes: object) -> GaussianOptions:
     """Preset cpu of DoF-Gaussian, shorter, with changes."""
-    _, preset, _ = find_method("dofgaussian").preset("cpu", builtin=False)
+    _, preset, _ = find_method("lensselect").preset("cpu", builtin=False)
     return GaussianOptions().with_overrides({**preset, "steps": settings.steps, **changes})
 
 

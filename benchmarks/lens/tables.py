@@ -10,6 +10,7 @@ from typing import Any
 
 from dofbench.core.files import write_csv
 from dofbench.methods.stages.stage_deciders import CLEAR_BLUR, NEEDLESS_BLUR
+from dofbench.training.gaussians.trials import keeps_lens
 
 Row = dict[str, str]
 
@@ -20,8 +21,8 @@ def by_points(row: Row) -> bool:
 
 
 def by_trial(row: Row) -> bool:
-    """Whether there is a lens, by the A/B check during training."""
-    return row["tried"] == "yes"
+    """Whether there is a lens, by the A/B check during training: by today's rule on what the check measured."""
+    return keeps_lens(*(float(row[name]) for name in ("gain", "error", "circle")))
 
 
 def by_both(row: Row) -> bool:
@@ -113,7 +114,7 @@ def _kinds(rows: Sequence[Row]) -> Iterator[dict[str, Any]]:
 
 def _sharing(rows: Sequence[Row]) -> Iterator[dict[str, Any]]:
     """What views share, where there is a lens and it was kept."""
-    asked = [row for row in rows if row["shared"] and row["share"] and row["lens"] == "yes"]
+    asked = [row for row in rows if row["shared"] and row["share"] and row["lens"] == "yes" and by_trial(row)]
     for truth in FITTING:
         some = [row for row in asked if row["share"] == truth]
         errors = {

@@ -169,7 +169,7 @@ class Observer(Protocol):
     """The harness's side of training: it owns the clock and stops it while it evaluates."""
 
     def seconds(self) -> float:
-        """Training seconds so far, evaluation excluded."""
+        """Training seconds so far, evaluation excluded: of wall or processor time, as the budget counts them."""
 
     def after_step(self, step: int, loss: float) -> bool:
         """Call after every step (1-based). Evaluates when one is due. False means: stop now.

@@ -12,10 +12,10 @@ from pydantic import TypeAdapter, ValidationError
 from dofbench.core.errors import InputError
 from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS
 from dofbench.core.files import read_json, write_json
+from dofbench.evaluation.comparing.paired import EXPLANATION
 from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.evaluation.results.run_spec import option_words
 from dofbench.reporting.boards import Line, signs_of, united
-from dofbench.reporting.pairs import EXPLANATION
 from dofbench.reporting.paper import of_scene, ssim_note
 from dofbench.reporting.sections import asked_sections, column_section, commit_text, machine_text
 from dofbench.reporting.tables import (

@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from dofbench.core.evidence import PHOTOGRAPHER_WORDS, PHOTOGRAPHERS, ROLE_WORDS, ROLES, Photographer, Role
 from dofbench.datasets.format.points_record import PointsRecord
 from dofbench.evaluation.comparing.means import Statistic, scene_mean, seed_mean
+from dofbench.evaluation.comparing.score_curves import uneven_clocks
 from dofbench.evaluation.results.collecting import Entry, added_columns, board_names, grouped, variant_names
 from dofbench.evaluation.results.columns import COLUMNS, HELD_OUT, SCORES, lens_words
 from dofbench.evaluation.results.protocol import PROTOCOLS
@@ -72,7 +73,8 @@ class Board:
     scored: the protocol in words. kind: protocol, role and photographer in words; only boards of one kind are averaged.
     sharp: whether methods trained on all-in-focus images. held_out: whether the test views have a focus that no
     training view has. lenses: of the views in words, "" where no result states them. variants: variant -> its seeds.
-    lines: variant -> its scores and costs. nothing: the lens predictor that learns nothing.
+    lines: variant -> its scores and costs. nothing: the lens predictor that learns nothing. by_cpu: whether times are
+    compared as processor time (`uneven_clocks`, of any board of the kind).
     """
 
     key: tuple[str, ...]
@@ -89,6 +91,7 @@ class Board:
     variants: dict[Variant, list[Entry]]
     lines: dict[Variant, Line]
     nothing: Line | None
+    by_cpu: bool = False
 
     @property
     def protocol(self) -> str:
@@ -111,6 +114,8 @@ def gather(entries: Sequence[Entry]) -> list[Board]:
     every = tuple(entries)
     names, boards, columns = variant_names(every), board_names(every), score_columns(every)
     found = [_board(key, boards[key], members, names, columns) for key, members in grouped(every, "board").items()]
+    uneven = {board.kind for board in found if uneven_clocks(board.members)}
+    found = [replace(board, by_cpu=board.kind in uneven) for board in found]
     return sorted(found, key=lambda board: (ROLES.index(board.role), PHOTOGRAPHERS.index(board.photographer)))
 
 
@@ -141,9 +146,6 @@ def mean_names(kind: str, boards: Sequence[Board]) -> tuple[str, str]:
     first, mean = boards[0], f"the mean over {len(boards)} scenes"
     words = (f", {_IN_FILES[one]}" for one in (first.role, first.photographer) if one)
     return mean + kind.removeprefix(first.protocol), mean + first.scored.removeprefix(first.protocol) + "".join(words)
-
-
-# ---- rows ----
 
 
 def variant_line(entries: Sequence[Entry], name: tuple[str, str], columns: Sequence[str], signs: str = "") -> Line:

@@ -64,7 +64,7 @@ class Series:
 class Plot:
     """The plot of one score on one board, or of its mean over several. scene: "" for a mean. series: best last score
     first. levels: scores to reach; chosen: whether the user chose them. nothing: score of a lens predictor that learns
-    nothing. in_files: the dataset in files where its name differs."""
+    nothing. by_cpu: over processor time. in_files: the dataset in files where its name differs."""
 
     board: tuple[str, ...]
     dataset: str
@@ -76,6 +76,7 @@ class Plot:
     levels: tuple[float, ...]
     chosen: bool
     nothing: float | None
+    by_cpu: bool = False
     in_files: str = ""
 
     @property
@@ -91,8 +92,13 @@ class Plot:
     @property
     def identity(self) -> dict[str, object]:
         """What rows of CSV files say of it."""
-        role = self.role or ROLE_NOT_STATED
-        return {"dataset": self.in_files or self.dataset, "protocol": self.protocol, "score": self.column, "role": role}
+        where = {"dataset": self.in_files or self.dataset, "protocol": self.protocol, "score": self.column}
+        return {**where, "role": self.role or ROLE_NOT_STATED, "clock": "cpu" if self.by_cpu else "wall"}
+
+    @property
+    def clock(self) -> str:
+        """The time of the plot in words."""
+        return "processor time" if self.by_cpu else "training time"
 
     @property
     def score(self) -> Column:
@@ -120,7 +126,7 @@ def board_plots(boards: Sequence[Board], names: Names, wanted: Levels) -> list[P
         for column in (column for column in COLUMNS if column in scored):
             if series := _series(board, column, names):
                 where = board.key, board.name, board.scene, board.role
-                plots.append(_plot(*where, column, series, nothing.get(column), wanted))
+                plots.append(_plot(*where, column, series, nothing.get(column), wanted, board.by_cpu))
     return plots
 
 
@@ -136,7 +142,8 @@ def mean_plots(boards: Sequence[Board], plots: Sequence[Plot], wanted: Levels) -
             if len(own) == len(scenes) and (series := mean_series([plot.series for plot in own])):
                 known = [plot.nothing for plot in own if plot.nothing is not None]
                 nothing = statistics.fmean(known) if len(known) == len(own) else None
-                means.append(replace(_plot(*where, column, series, nothing, wanted), in_files=in_files))
+                mean = _plot(*where, column, series, nothing, wanted, scenes[0].by_cpu)
+                means.append(replace(mean, in_files=in_files))
     return means
 
 
@@ -149,13 +156,14 @@ def _plot(
     series: Sequence[Series],
     nothing: float | None,
     wanted: Levels,
+    by_cpu: bool,
 ) -> Plot:
     higher = bool(COLUMNS[column].higher_is_better)
     series = tuple(sorted(series, key=lambda one: one.rank(higher_is_better=higher)))
     front = pareto_front([one.median for one in series], higher_is_better=higher)
     runs = [run for one in series for run in one.runs]
     reach = wanted.get(column) or levels(runs, [one.median for one in series], higher_is_better=higher)
-    return Plot(board, dataset, scene, role, column, series, front, reach, column in wanted, nothing)
+    return Plot(board, dataset, scene, role, column, series, front, reach, column in wanted, nothing, by_cpu)
 
 
 def _series(board: Board, column: str, names: Names) -> list[Series]:
@@ -164,7 +172,7 @@ def _series(board: Board, column: str, names: Names) -> list[Series]:
     # With more variants than looks two lines of one plot could look alike, if places were the report's.
     places = list(names if len(names) <= LOOKS else board.variants)
     for variant, seeds in board.variants.items():
-        runs = tuple(curve_of(entry, column) for entry in seeds)
+        runs = tuple(curve_of(entry, column, processor=board.by_cpu) for entry in seeds)
         if any(run.points for run in runs):
             whole = all(run.points and run.status is Status.OK for run in runs)
             median = joint_curve([run.points for run in runs], statistics.median) if whole else ()

@@ -81,7 +81,7 @@ def draw_plot(plot: Plot) -> Figure:
     if plot.nothing is not None:
         axes.axhline(plot.nothing, color=NEUTRAL, linestyle=(0, (1, 3)), label="do nothing")
     axes.set_xscale("log")
-    axes.set_xlabel("training time [s]")
+    axes.set_xlabel(f"{plot.clock} [s]")
     axes.set_ylabel(plot.score.heading)
     axes.set_title(plot.title)
     axes.grid(True, which="both", alpha=0.3)

@@ -15,15 +15,6 @@ SHOWN = """psnr ssim flip aif_psnr aif_ssim aif_flip photo_psnr photo_ssim acros
     delta_a delta_f delta_r disparity_error""".split()
 HEADING = "Compared view by view"
 TESTED = "How differences are tested"
-EXPLANATION = (
-    "A difference is the mean over the same views of both methods, seeds averaged first. In brackets: its 95 % "
-    "confidence interval by the bootstrap over views and, where there are several, seeds; none below six views, where "
-    "it would be too narrow. p: two-sided permutation test that flips the signs of the per-view differences, exact for "
-    "few views; with n views p ≥ 2^(1−n), so fewer than six views can't be significant. p is adjusted for the "
-    "comparisons of a column (Holm). *Better* and *worse* (for a cost: *more* and *less*) are given only where "
-    'p < 0.05 and the interval excludes zero. "One seed" warns that another training could change the result. '
-    "Views of a scene are correlated and scenes are not a random sample: p applies to these views, not to other scenes."
-)
 
 
 def mean_pairs(boards: Sequence[Board], against: Collection[str] = ()) -> dict[str, list[Pair]]:

@@ -44,8 +44,8 @@ CURVE_COLUMNS = """method preset dataset protocol seed train_s steps psnr ssim a
 COMPARISON_COLUMNS = """dataset protocol method preset against_method against_preset column pairs seeds difference low
     high p verdict reason role""".split()
 REACH_COLUMNS = """method preset dataset scene protocol seed score level reached_s not_before_s held status
-    role""".split()
-FRONT_COLUMNS = "dataset protocol score train_s value method preset role".split()
+    role clock""".split()
+FRONT_COLUMNS = "dataset protocol score train_s value method preset role clock".split()
 TIMES_COLUMNS = "method preset dataset scene protocol seed within stage wall_s cpu_s role".split()
 _VIEW_COLUMNS = (
     *"method preset dataset scene protocol seed view split".split(),

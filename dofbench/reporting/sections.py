@@ -10,6 +10,7 @@ from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS
 from dofbench.datasets.format.points_record import points_in_words
 from dofbench.evaluation.comparing.means import mean_and_spread
 from dofbench.evaluation.comparing.pairwise import Pair
+from dofbench.evaluation.comparing.score_curves import UNEVEN
 from dofbench.evaluation.results.collecting import Entry, grouped
 from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.evaluation.results.protocol import AIF_PREFIX, arithmetic_mean
@@ -49,6 +50,7 @@ def board_section(board: Board, columns: Sequence[str], names: Names, pairs: Seq
     scores = replace(scores, below=(*scores.below, points_in_words(board.points)))
     signs = {variant: line.signs for variant, line in board.lines.items()}
     groups = [(board.lines[variant], seeds) for variant, seeds in board.variants.items()]
+    about += UNEVEN if board.by_cpu else ""
     return Section(
         board.title,
         (" ".join((ROLE_SAYS[board.role], *photographed, about)),),

@@ -7,15 +7,9 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from dofbench.evaluation.comparing.score_curves import Reach, reach, reached, spans
+from dofbench.evaluation.comparing.score_curves import RULE, Reach, reach, reached, spans
 from dofbench.reporting.curves import Plot, seconds_text
 from dofbench.reporting.tables import Cell, Heading, Table, number, words
-
-RULE = (
-    "A score counts as reached at the first scored moment that shows it, without interpolation: the time is an upper "
-    "bound, and reach.csv has the moment scored before. Over seeds it is the median and the range; a run that failed, "
-    "or never reached the score, counts as later than every other."
-)
 
 
 @dataclass(frozen=True)
@@ -73,7 +67,7 @@ def _reach_table(plot: Plot, title: str) -> Table:
         times = [Cell(reach_text(one), "number", one.median if math.isfinite(one.median) else None) for one in found]
         rows.append((words(series.name, series.signs), *times))
     first = Heading("time to reach", words=True)
-    return Table(f"Training time to reach a score: {title}", (first, *headings), tuple(rows))
+    return Table(f"{plot.clock.capitalize()} to reach a score: {title}", (first, *headings), tuple(rows))
 
 
 def reach_text(found: Reach) -> str:
@@ -98,7 +92,7 @@ def _front_table(plot: Plot, title: str) -> Table:
         rows.append((*(number(time, seconds_text(time)) for time in times), name, *shown))
     texts = ("from", "to", "best", f"{plot.score.label} there", "until")
     headings = tuple(Heading(text, words=text == "best") for text in texts)
-    caption = f"Pareto front of {title}: best method by training time"
+    caption = f"Pareto front of {title}: best method by {plot.clock}"
     return Table(caption, headings, tuple(rows), names=0)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from dofbench.evaluation.comparing.paired import EXPLANATION
 from dofbench.evaluation.comparing.pairwise import Pair, Variant, with_the_best
 from dofbench.evaluation.comparing.score_curves import Point
 from dofbench.evaluation.results.collecting import Collection, grouped, variant_names
@@ -14,7 +15,7 @@ from dofbench.evaluation.scoring.resolved import FULL_SCALE as RESOLVED_SCALE
 from dofbench.reporting import layouts, overview, sections
 from dofbench.reporting.boards import Board, score_columns
 from dofbench.reporting.curves import Plot, Series
-from dofbench.reporting.pairs import EXPLANATION, HEADING, TESTED
+from dofbench.reporting.pairs import HEADING, TESTED
 from dofbench.reporting.pictures import BoardPictures, packed
 from dofbench.reporting.tables import Section, Table
 from dofbench.reporting.timing import CurveView, curve_rules
@@ -129,6 +130,7 @@ def plot_data(plot: Plot) -> dict[str, Any]:
         "label": plot.score.label,
         "heading": plot.score.heading,
         "unit": plot.score.unit,
+        "clock": plot.clock,
         "digits": plot.score.digits,
         "higher": plot.higher_is_better,
         "note": plot.score.note,

@@ -56,8 +56,8 @@ class TrainingObserver:
         self.nonfinite: list[NonFinite] = []
 
     def seconds(self) -> float:
-        """Training seconds so far, evaluation excluded."""
-        return self._clock.wall
+        """Training seconds so far, as the budget counts them, evaluation excluded."""
+        return self._clock.cpu if self._budget.processor else self._clock.wall
 
     def after_step(self, step: int, loss: float) -> bool:
         """See `Observer.after_step`. Raises RuntimeError when the method goes on after it was told to stop."""
@@ -124,7 +124,7 @@ class TrainingObserver:
         return taken + taken / len(self.curve) * (1 + later) <= max(FREE_SECONDS, SHARE_OF_TRAINING * whole)
 
     def _add_point(self, step: int) -> None:
-        seconds = self.seconds()
+        seconds = self._clock.wall
         with self._clock.paused(), self._evaluating.running():
             scores = self._evaluate()
         loss = math.fsum(self._losses) / len(self._losses) if self._losses else None

@@ -8,11 +8,14 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Annotated
 
+import tyro
 from pydantic import Field
 
 from dofbench.core.errors import InputError
 from dofbench.core.options import SeveralBudgets, options
 from dofbench.evaluation.results.run_spec import RunOptions, RunSpec, SeveralOptions
+
+OWN_PHOTOGRAPHS = "lensselect"  # the method that photographs are trained by where the call names none
 
 
 @options(kw_only=True)
@@ -20,6 +23,9 @@ class Runs(SeveralOptions, RunOptions):
     """Train methods on datasets and score them on the test views. Several methods, datasets, presets, budgets or seeds
     make a matrix: every combination is a run in a process of its own."""
 
+    method: Annotated[str, tyro.conf.arg(help_behavior_hint="")] = ""
+    """Ids of methods, comma-separated: folders in methods/ or in a folder that DOFBENCH_METHODS lists. Default with
+    --photographs: lensselect; else required."""
     data: str | None = None
     """Dataset folders, comma-separated. Default: the built-in dataset, made first if it isn't there."""
     photographs: Path | None = None
@@ -28,13 +34,18 @@ class Runs(SeveralOptions, RunOptions):
     width: int | None = None
     """Width to train at with --photographs, pixels. Default: 504, or that of the photographs where it is less."""
     budget: SeveralBudgets = None
-    """When training stops: 300s, 5min, 7000it, or both (300s,7000it), whichever comes first. Time alone is all used,
-    however many steps the preset has. Several, with spaces between, are runs of their own: --budget 60s 300s.
+    """When training stops: 300s, 5min, 60cpu (processor seconds), 7000it, or both (300s,7000it), whichever comes first.
+    Time alone is all used, however many steps the preset has. Several, with spaces between, are runs of their own:
+    --budget 60s 300s.
     Default: the preset's steps."""
     seeds: Annotated[int, Field(ge=1)] = 1
     """How many seeds: --seed, --seed + 1, ..."""
 
     def __post_init__(self) -> None:
+        if not self.method:
+            if self.photographs is None:
+                raise InputError("--method", "nothing", "ids of methods; `dofbench methods` lists them")
+            object.__setattr__(self, "method", OWN_PHOTOGRAPHS)
         if self.photographs is not None and self.data is not None:
             raise InputError("--photographs", "--data too", "one of them")
         if self.width is not None and (self.photographs is None or self.width < 8):

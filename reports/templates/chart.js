@@ -53,7 +53,7 @@
     const edge = { left: 58, right: 14, top: 26, bottom: 46 };
     const svg = page.make("svg", {
       viewBox: `0 0 ${width} ${height}`, height, tabindex: 0, role: "application", "aria-roledescription": "chart",
-      "aria-label": `${plot.label} against training time on ${plot.board}. Arrow keys: left and right along a curve, up and down `
+      "aria-label": `${plot.label} against ${plot.clock} on ${plot.board}. Arrow keys: left and right along a curve, up and down `
         + "between curves. The tables below hold the same in words.",
     });
     marks = [];
@@ -92,7 +92,7 @@
     }
     svg.append(page.make("line", { class: "axis", x1: edge.left, x2: right, y1: bottom, y2: bottom }));
     svg.append(page.make("text", { class: "title", x: 2, y: 13 }, plot.heading + (log ? ", log axis" : "")));
-    svg.append(page.make("text", { class: "title", x: right, y: height - 6, "text-anchor": "end" }, "training time [s], log axis"));
+    svg.append(page.make("text", { class: "title", x: right, y: height - 6, "text-anchor": "end" }, `${plot.clock} [s], log axis`));
     for (const level of plot.levels) {
       if (level <= v0 || level >= v1) continue;
       svg.append(page.make("line", { class: "level", x1: edge.left, x2: right, y1: y(level), y2: y(level) }));

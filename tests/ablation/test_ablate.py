@@ -433,7 +433,7 @@ def test_an_option_that_a_preset_has_anyway_makes_no_other_run(tmp_path: Path) -
     settings = Ablate(data=str(data), table="table4,table5,adaptation", seeds=1)
     plan = plan_tables(settings, read_tables(tables_of("dofgaussian")))
     runs = {(one.table.id, row): run for one in plan.tables for (row, _, _), run in one.runs.items()}
-    assert runs["table5", "stereo, and a start on it"] is runs["adaptation", "one_minus_psi"]
+    assert runs["table5", "stereo"] is runs["adaptation", "one_minus_psi"]
     assert runs["table4", "#5"] is runs["table5", "fine-tuned network"]
     assert runs["table4", "#3"] is runs["table5", "none"] and runs["table4", "#2"] is not runs["table4", "#3"]
     assert len(plan.runs) == len({run.spec.key for run in plan.runs}) == 5 + 4 + 4

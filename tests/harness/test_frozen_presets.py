@@ -144,7 +144,7 @@ def test_a_preset_that_changed_since_is_not_told_from_the_frozen_one_by_its_budg
 
 def test_a_changed_default_or_stage_is_another_preset() -> None:
     """With the real method: what its card doesn't say is part of what was chosen."""
-    entry = find_method("dofgaussian")
+    entry = find_method("lensselect")
     digest = preset_digest(entry, "cpu")
     assert digest == preset_digest(entry, "cpu") and digest != preset_digest(entry, "thinlens")
     stages = dict(entry.card.stages)
@@ -178,7 +178,7 @@ def test_an_old_result_has_no_digest(checkout: Path) -> None:
 
 
 def test_the_neutral_value_of_a_newer_option_is_no_choice() -> None:
-    entry = find_method("dofgaussian")
+    entry = find_method("lensselect")
     name, options, budget = entry.preset("cpu")
     told = [
         choices_digest(entry, {**options, **more}, preset_budget(entry, name, options, budget), force_all=False)

@@ -113,17 +113,17 @@ def test_one_lens_is_learned_where_the_dataset_says_so(plan) -> None:
 
 def test_what_only_goes_with_a_switch_decides_nothing(plan) -> None:
     """A lens that all photographs share starts wide open, unless the user says otherwise; it is shared all the same."""
-    assert plan("dofgaussian", one_lens=True).options["lens_init_aperture"] == 1.5
-    made = plan("dofgaussian", one_lens=True, overrides={"lens_init_aperture": 0.3})
+    assert plan("lensselect", one_lens=True).options["lens_init_aperture"] == 1.5
+    made = plan("lensselect", one_lens=True, overrides={"lens_init_aperture": 0.3})
     assert made.options["lens_per"] == "scene" and made.options["lens_init_aperture"] == 0.3
-    assert "lens_init_aperture" not in plan("dofgaussian", one_lens=True, overrides={"lens_per": "view"}).options
+    assert "lens_init_aperture" not in plan("lensselect", one_lens=True, overrides={"lens_per": "view"}).options
 
 
 TRIED = {"lens_trials": "lens,share,model"}
 
 
 def test_what_nobody_knows_is_tried_while_training(plan) -> None:
-    made = plan("dofgaussian", one_lens=None, blur=0.4, options=TRIED)
+    made = plan("lensselect", one_lens=None, blur=0.4, options=TRIED)
     assert all(_runs(made)[name] for name in ("lens", "lens_per_view", "aperture_per_view", "lens_samples"))
     assert "lens_trials" in made.options and made.options["lens_trials"] == "lens,share,model"
     reasons = {stage.name: stage.reason for stage in made.stages}
@@ -131,12 +131,12 @@ def test_what_nobody_knows_is_tried_while_training(plan) -> None:
 
 
 def test_what_is_known_is_not_tried(plan) -> None:
-    assert plan("dofgaussian", one_lens=None, blur=4.0, options=TRIED).options["lens_trials"] == "share,model"
-    assert plan("dofgaussian", one_lens=True, blur=4.0, options=TRIED).options["lens_trials"] == "model"
-    assert plan("dofgaussian", one_lens=None, blur=0.4, options=TRIED, force_all=True).options["lens_trials"] == ""
-    sharp = plan("dofgaussian", one_lens=None, blur=0.4, options=TRIED, inputs="all-in-focus")
+    assert plan("lensselect", one_lens=None, blur=4.0, options=TRIED).options["lens_trials"] == "share,model"
+    assert plan("lensselect", one_lens=True, blur=4.0, options=TRIED).options["lens_trials"] == "model"
+    assert plan("lensselect", one_lens=None, blur=0.4, options=TRIED, force_all=True).options["lens_trials"] == ""
+    sharp = plan("lensselect", one_lens=None, blur=0.4, options=TRIED, inputs="all-in-focus")
     assert sharp.options["lens_trials"] == "" and not _runs(sharp)["lens"]
-    assert plan("dofgaussian", one_lens=None, blur=1.4, options=TRIED, inputs="all-in-focus").options["lens_trials"]
+    assert plan("lensselect", one_lens=None, blur=1.4, options=TRIED, inputs="all-in-focus").options["lens_trials"]
 
 
 def test_a_stage_that_cannot_be_left_out_says_what_the_data_show(plan, tmp_path: Path) -> None:
@@ -160,17 +160,17 @@ def test_stages_may_stand_in_any_order(plan, tmp_path: Path) -> None:
 
 
 def test_f_numbers_tie_apertures_where_the_user_does_not_say_otherwise(plan) -> None:
-    tied = plan("dofgaussian", one_lens=None, f_numbers=True, options=TRIED)
+    tied = plan("lensselect", one_lens=None, f_numbers=True, options=TRIED)
     assert tied.options["lens_per"] == "exif" and "share" not in tied.options["lens_trials"]
     assert not _runs(tied)["aperture_per_view"] and "lens_per_view" not in _runs(tied)
-    free = plan("dofgaussian", one_lens=None, f_numbers=True, options=TRIED, overrides={"lens_per": "view"})
+    free = plan("lensselect", one_lens=None, f_numbers=True, options=TRIED, overrides={"lens_per": "view"})
     assert free.options["lens_per"] == "view" and "lens_init_aperture" not in free.options
     assert free.options["lens_trials"] == "model"  # what the user has decided isn't tried
-    assert "lens_per" not in plan("dofgaussian", one_lens=False, f_numbers=True, options=TRIED).options
+    assert "lens_per" not in plan("lensselect", one_lens=False, f_numbers=True, options=TRIED).options
 
 
 def test_what_training_decided_replaces_what_the_plan_left_open(plan) -> None:
-    data = plan("dofgaussian", one_lens=None, blur=0.4, options=TRIED).as_data()
+    data = plan("lensselect", one_lens=None, blur=0.4, options=TRIED).as_data()
     after = revised(data, [Decision("lens", False, "tried: nothing gained")])
     stages = {stage["name"]: stage for stage in after["stages"]}
     assert stages["lens"] == {"name": "lens", "runs": False, "reason": "tried: nothing gained"}

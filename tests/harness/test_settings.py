@@ -37,23 +37,31 @@ def test_budget_takes_both_in_either_order() -> None:
     assert parse_budget("5min,7000it") == parse_budget("7000it,300s") and parse_budget("1.5min") == Budget(None, 90.0)
 
 
-def test_progress_is_by_what_is_more() -> None:
-    def never() -> float:
-        raise AssertionError("asked for the time")
-
-    assert Budget(steps=10).progress(3, 10, never) == 0.3
-    assert Budget(steps=10, seconds=4.0).progress(3, 10, lambda: 1.0) == 0.3
-    assert Budget(steps=10, seconds=4.0).progress(3, 10, lambda: 6.0) == 1.5
-
-
-def test_seconds_alone_are_all_used_and_a_preset_counts_without_a_budget() -> None:
-    assert Budget(seconds=4.0).progress(30, 10, lambda: 1.0) == 0.25
-    assert Budget().progress(3, 10, lambda: 1e9) == 0.3
-    assert Budget(steps=20).progress(3, 10, lambda: 1e9) == 0.15
+def test_processor_seconds_are_told_from_seconds_of_the_clock() -> None:
+    assert parse_budget("60cpu") == Budget(seconds=60.0, processor=True) != parse_budget("60s")
+    assert parse_budget("100it,1.5cpu") == Budget(100, 1.5, processor=True)
 
 
 @pytest.mark.parametrize(
-    "text", ["", "lots", "0s", "-1it", "nans", "infs", "1.5it", "3s,4s", "1min,4s", "min", "1it,2it", "300", ","]
+    "text",
+    [
+        "",
+        "lots",
+        "0s",
+        "-1it",
+        "nans",
+        "infs",
+        "1.5it",
+        "3s,4s",
+        "1min,4s",
+        "min",
+        "1it,2it",
+        "300",
+        ",",
+        "cpu",
+        "0cpu",
+        "3s,4cpu",
+    ],
 )
 def test_a_wrong_budget_is_one_line(text: str) -> None:
     with pytest.raises(InputError, match="budget"):

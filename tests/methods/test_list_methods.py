@@ -128,7 +128,7 @@ def test_a_shipped_method_says_where_its_claims_stand(said) -> None:
     status, lines, _ = said("methods", "dofgaussian")
     text = " ".join(" ".join(lines).split())
     assert status == 0 and "Source: Shen et al., CVPR 2025, Tables 2, 6 and 7" in text
-    assert "  quick: the default on the built-in dataset, as cpu, but" in lines and "      steps=1500" in lines
+    assert "  quick: the default on the built-in dataset, as short, but" in lines and "      steps=1500" in lines
 
 
 def test_the_kernels_of_a_shipped_method_with_their_backends(said) -> None:

@@ -13,7 +13,17 @@ from typing import NamedTuple
 from dofbench.core.errors import Status
 from dofbench.evaluation.results.collecting import Entry
 
+UNEVEN = (
+    " Processor seconds for a second of training differ by more than a fifth between runs (other work on the machine, "
+    "or fewer cores in use), so times are compared as processor time."
+)
+RULE = (
+    "A score counts as reached at the first scored moment that shows it, without interpolation: the time is an upper "
+    "bound, and reach.csv has the moment scored before. Over seeds it is the median and the range; a run that failed, "
+    "or never reached the score, counts as later than every other."
+)
 _SHARES = (0.5, 0.8, 0.95)  # of the way from the worst first score to the best: the levels to reach
+_UNEVEN = 1.2
 _STEPS_A_WAY = 20  # a level is rounded to a step of 1, 2 or 5 times a power of ten, of at most 1 / this of the way
 
 Point = tuple[float, float]  # (training seconds, score)
@@ -30,13 +40,22 @@ class Curve:
     dropped: int
 
 
-def curve_of(entry: Entry, column: str) -> Curve:
-    """One run's curve of one score."""
-    scored = [
-        (point.train_s, point.scores[column])
-        for point in (entry.result.curve if entry.result else ())
-        if column in point.scores and point.train_s > 0
-    ]
+def uneven_clocks(entries: Iterable[Entry]) -> bool:
+    """Whether processor time and wall time of training differ between runs by more than a fifth, so that processor time
+    is what can be compared: other work on the machine slows a run down, and methods differ in the cores they use."""
+    scores = [entry.scores for entry in entries if entry.status is Status.OK and entry.result and entry.result.curve]
+    times = [(one.get("train_cpu_s", 0.0), one.get("train_s", 0.0)) for one in scores]
+    if not times or not all(cpu > 0 and wall > 0 for cpu, wall in times):
+        return False
+    cores = [cpu / wall for cpu, wall in times]
+    return max(cores) > _UNEVEN * min(cores)
+
+
+def curve_of(entry: Entry, column: str, *, processor: bool = False) -> Curve:
+    """One run's curve of one score. processor: over processor time instead of wall time."""
+    moments = entry.result.curve if entry.result else ()
+    timed = [((point.train_cpu_s if processor else point.train_s) or 0.0, point.scores) for point in moments]
+    scored = [(time, scores[column]) for time, scores in timed if column in scores and time > 0]
     points = tuple(point for point in scored if math.isfinite(point[1]))
     return Curve(entry.spec.seed, entry.status, points, len(scored) - len(points))
 

@@ -109,7 +109,10 @@ class External:
         return listed_options(ExternalOptions)
 
     def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
-        """Write the training set, and run the command that trains."""
+        """Write the training set, and run the command that trains. Raises InputError for a budget of processor time,
+        which another program can't be held to."""
+        if budget.processor:
+            raise InputError("--budget", str(budget), "seconds or steps for a method in another program")
         for folder in (self._scene, self._model):
             folder.mkdir(parents=True, exist_ok=True)
         write_training_set(self._scene, training_set)

@@ -76,6 +76,11 @@ class OptionGroups:
         """Every option's value by its name."""
         return {name: getattr(getattr(self, group), name) for name, (group, _) in _places(type(self)).items()}
 
+    def starts(self) -> list[float]:
+        """Shares of the training at which something begins or ends, by the options' names; a step's cost may change."""
+        values = [value for name, value in self.flat().items() if name.endswith(("_from", "_until", "_at"))]
+        return sorted({value for value in values if isinstance(value, float) and 0 < value < 1})
+
 
 def listed_options(options: type[OptionGroups]) -> tuple[ListedOption, ...]:
     """Every option of an options class, group by group, with its documentation from the source.

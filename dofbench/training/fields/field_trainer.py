@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import torch
@@ -14,6 +16,7 @@ from dofbench.core.errors import InputError, Status
 from dofbench.runtime.devices import kind_of
 from dofbench.runtime.ops import warm_up
 from dofbench.training.common.monitor import NonFiniteError, Place, ReportedLoss, StageClock, Watch
+from dofbench.training.common.pace import Pace
 from dofbench.training.common.photograph_colours import LearnedColours
 from dofbench.training.fields.field_options import FieldOptions
 from dofbench.training.fields.field_scene import FieldScene, Surroundings
@@ -23,6 +26,7 @@ from dofbench.training.fields.ray_model import Prediction, RayModel, RayTracer
 from dofbench.training.fields.space import AnnealedSpace
 
 _BETAS, _EPSILON = (0.9, 0.99), 1e-15  # TensoRF
+_PROBES = 2  # steps by which a stage is timed
 # Share of the training over which rates rise from 0 where views are from all around: with the whole rate from the start
 # every camera may get a haze before it that never goes (docs/notes/fields.md).
 _RISE = 0.1
@@ -64,12 +68,13 @@ class FieldTrainer:
         """Train until the budget or the observer ends it. A non-finite value ends with the status "diverged"."""
         for op in sorted({"adam", "field", *self._model.kernels}):
             warm_up(op, kind_of(self._device))
-        preset = self._options.rays.steps
+        pace = Pace(budget, self._options.rays.steps, observer.seconds)
         step = 0
         event: NonFinite | None = None
         try:
             self._pixels.check(step=1)
-            while (progress := budget.progress(step, preset, observer.seconds)) < 1:
+            pace.plan(self._options.starts(), partial(self._time_of_a_step, observer))
+            while (progress := pace.progress(step)) < 1:
                 self.loss = self._step(step + 1, progress)
                 step += 1
                 if not observer.after_step(step, self._reported.after(step, self.loss)):
@@ -86,6 +91,15 @@ class FieldTrainer:
             nonfinite=(event,) if event else (),
             stages=dict(self._clock.seconds),
         )
+
+    def _time_of_a_step(self, observer: Observer, progress: float) -> float:
+        """Seconds of a step at `progress`, by a copy of the training."""
+        twin, took = copy.deepcopy(self), []
+        for _ in range(_PROBES):
+            start = observer.seconds()
+            twin._step(1, progress)
+            took.append(observer.seconds() - start)
+        return min(took)
 
     def _step(self, step: int, progress: float) -> Tensor:
         """Take step number `step`, from 1; returns the loss, without gradient.

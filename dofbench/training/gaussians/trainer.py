@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from dofbench.training.common.depth import surface_disparity
 from dofbench.training.common.held_out import HeldOutScores, held_out_scores
 from dofbench.training.common.lenses import LearnedLenses
 from dofbench.training.common.monitor import NonFiniteError, Place, ReportedLoss, StageClock
+from dofbench.training.common.pace import Pace
 from dofbench.training.common.photograph_colours import LearnedColours
 from dofbench.training.common.priors import Prior, make_prior, with_surface_points
 from dofbench.training.common.views import ScaledView, scaled_views
@@ -33,6 +35,7 @@ from dofbench.training.gaussians.trials import HELD_BACK, MOST_TIME, Left, Trial
 from dofbench.training.gaussians.warmup import compile_kernels
 
 _PACE = 3  # steps of a trial from which the time of the rest is estimated
+_PROBES = 2  # steps by which a stage is timed
 
 
 class Trainer:
@@ -90,14 +93,18 @@ class Trainer:
         more = () if self.state.blur is None else self.state.blur.kernels
         compile_kernels(self.gaussians, self.state.cameras[0], self.options, geometries, samples_aperture, more)
         preset = self.options.schedule.steps
+        pace = Pace(budget, preset, observer.seconds)
         step, event = 0, None
         try:
             with self._clock.timed("depth prior"):
                 self._prepare(budget.steps or preset, observer)
             self._scaled = self._scale_views()
-            while (progress := budget.progress(step, preset, observer.seconds)) < 1:
+            pace.plan(self.options.starts(), partial(self._time_of_a_step, observer))
+            while (progress := pace.progress(step)) < 1:
                 if self._trials.due(step, progress):
                     step = self._decide(step, progress, budget, observer)
+                    pace.resume(step)
+                    pace.plan(self.options.starts(), partial(self._time_of_a_step, observer))
                 else:
                     self._next(step, progress)
                     step += 1
@@ -164,6 +171,19 @@ class Trainer:
         count = len(self.gaussians)
         fitting = would_fit(count, self._device, error)
         return f"{count} Gaussians at step {step} are too many for {self._device}; try --set max_gaussians={fitting}"
+
+    def _time_of_a_step(self, observer: Observer, progress: float) -> float:
+        """Seconds of a step at `progress`; the steps that tell it are undone."""
+        snapshot, cameras, loss = self.state.snapshot(), self.state.cameras, self.state.loss
+        took = []
+        with self.state.density.pace.rest():
+            for _ in range(_PROBES):
+                start = observer.seconds()
+                self._next(0, progress)
+                took.append(observer.seconds() - start)
+        self.state.restore(snapshot)
+        self.state.cameras, self.state.loss = cameras, loss
+        return min(took)
 
     def _next(self, step: int, progress: float) -> None:
         """Take the step after step number `step`, on the next view of the random order."""

@@ -35,12 +35,10 @@ MOST = 0.06  # largest share of the training's steps that a trial may take
 LONGEST = 200  # steps of a trial, unless its visits need more: longer ones decide alike (docs/notes/lens.md)
 MOST_TIME = 0.35  # largest share of a limited training time that all trials may take
 NO_CIRCLE = 0.3  # px: smaller CoC radii are invisible in an image
-SMALL_CIRCLE = 1.0  # px: with smaller CoC radii a lens is kept only if held-out PSNR is better with it
-EXPLAINED = 0.01  # dB, held-out: a smaller gain is noise (docs/notes/lens.md)
+EXPLAINED = 0.01  # dB, held-out: a lens with a smaller gain isn't kept (reports/lens)
 WORTH = 0.05  # dB, held-out: with a smaller difference the simpler setting counts as equally good
-SURE = 2.0  # standard errors by which a lens must be better to be kept, or worse to be dropped
-# Standard errors by which the forward model that costs more must be better. Less than for a lens: real defocus has
-# occlusion, and views with widely differing CoCs differ widely in their gains.
+# Standard errors by which a lens, or the forward model that costs more, must be better. No more: views with widely
+# differing CoCs differ widely in their gains.
 LIKELY = 1.0
 FOCI_APART = 1.0  # px: views in which a point's CoC radii differ by more can't share a focus
 
@@ -161,13 +159,10 @@ class Trials:
         if without is None:
             return with_lens, Decision("lens", True, f"{_NO_TIME} no lens")
         gain, error = _gain(with_lens, without)
-        # Wide CoCs without a gain don't speak against a lens: a surface equally blurred in all views is explained as
-        # well by a blurred texture.
-        explains = gain > max(EXPLAINED, SURE * error)
-        needless = circle < NO_CIRCLE or (not explains and circle < SMALL_CIRCLE) or gain < -WORTH - SURE * error
+        kept = keeps_lens(gain, error, circle)
         reason = f"{_psnr(gain, error)} with the lens, CoC radius {circle:.2f} px"
         figures = {"lens gain": gain, "lens error": error, "circle": circle}
-        return (without if needless else with_lens), Decision("lens", not needless, reason, figures)
+        return (with_lens if kept else without), Decision("lens", kept, reason, figures)
 
     def _shared(self, attempt: _Try, each: _Attempt) -> tuple[_Attempt, Decision]:
         stops = {view.exif and view.exif.f_number for view in self._trainee.views}
@@ -203,6 +198,11 @@ class Trials:
             {"points gain": gain, "points error": error},
         )
         return (points if better else scatter), Decision("lens_samples", better, reason, figures)
+
+
+def keeps_lens(gain: float, error: float, circle: float) -> bool:
+    """Whether the check keeps a lens. gain, error: of held-out PSNR with it, dB. circle: `widest_circle`, px."""
+    return circle >= NO_CIRCLE and gain > max(EXPLAINED, LIKELY * error)
 
 
 # Aperture samples, since only they show at once what the scatter renderer lacks: after the same steps each Gaussian's

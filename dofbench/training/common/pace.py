@@ -1,0 +1,101 @@
+"""Progress of a training in shares of its steps, also where its length is given as time.
+
+Schedules are shares of steps. A limit of time says nothing about steps, and stages differ in cost: a step with five
+copies of the scene takes many times as long as one of the sharp view. If a schedule's shares were taken of time, the
+cheap stages would get nearly all steps. So the steps that fit are estimated: before training a few steps of every stage
+are timed and undone, and while it trains the estimate follows the pace that is measured.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+from dofbench.core.budget import Budget
+
+Probe = Callable[[float], float]  # share of the training -> seconds of a step there, which is undone
+
+_MEMORY = 30  # steps over which the pace is averaged
+_AGAIN = (0.05, 0.2, 0.5)  # shares of the training at which stages are timed again
+_LAST = math.nextafter(1.0, 0.0)
+
+
+class Pace:
+    """How much of a training is over; ask for `progress` before every step.
+
+    preset: steps of a training without a budget. seconds: tells the time that the budget counts. Only where time is
+    limited are stages planned and timed.
+    """
+
+    def __init__(self, budget: Budget, preset: int, seconds: Callable[[], float]):
+        self._budget, self._preset, self._seconds = budget, preset, seconds
+        self._share, self._step, self._now = 0.0, 0, 0.0
+        self._pace: float | None = None  # seconds of a step of cost 1
+        self._stages: list[tuple[float, float, float]] = [(0.0, 1.0, 1.0)]  # start, end, cost of a step
+        self._starts: Sequence[float] = ()
+        self._probe: Probe | None = None
+        self._again: list[float] = []
+
+    def plan(self, starts: Sequence[float], probe: Probe) -> None:
+        """Plan what is left of the training. starts: shares at which a step's cost changes. probe: times a step."""
+        if self._budget.seconds is None:
+            return
+        self._starts, self._probe = starts, probe
+        self._again = [share for share in _AGAIN if share > self._share]
+        self._measure()
+
+    def _measure(self) -> None:
+        edges = sorted({self._share, 1.0, *(start for start in self._starts if self._share < start < 1)})
+        if self._probe is not None and len(edges) > 2:
+            self._stages = [(low, high, max(self._probe(low), 1e-9)) for low, high in pairwise(edges)]
+            self._pace = 1.0
+        self._now = self._seconds()
+
+    def progress(self, step: int) -> float:
+        """The share of the training that is over after `step`; 1 or more when the budget is spent."""
+        budget = self._budget
+        if budget.seconds is None:
+            return step / (budget.steps or self._preset)
+        now, taken = self._seconds(), step - self._step
+        if now >= budget.seconds or (budget.steps is not None and step >= budget.steps):
+            return 1.0
+        if taken > 0:
+            self._follow((now - self._now) / taken, taken)
+            self._share = min(_LAST, self._share + taken / self._steps_in_all(step - taken, self._now))
+        self._step, self._now = step, now
+        if self._again and self._share >= self._again[0]:  # a scene that has grown costs more, not equally everywhere
+            del self._again[0]
+            self._measure()
+        return self._share
+
+    def resume(self, step: int) -> None:
+        """Go on after steps outside the schedule's pace, such as those of A/B checks: they count as steps, their time
+        says nothing of what the next ones take."""
+        if self._budget.seconds is None:
+            return
+        taken = step - self._step
+        self._share = min(_LAST, self._share + taken / self._steps_in_all(self._step, self._now))
+        self._step, self._now = step, self._seconds()
+
+    def _follow(self, seconds: float, taken: int) -> None:
+        """Update the pace by what the last steps took, each `seconds`."""
+        pace = seconds / self._cost_at(self._share)
+        if self._pace is None:
+            self._pace = pace
+        else:
+            kept = (1 - 1 / _MEMORY) ** taken
+            self._pace = kept * self._pace + (1 - kept) * pace
+
+    def _cost_at(self, share: float) -> float:
+        return next(cost for _, high, cost in self._stages if share < high)
+
+    def _steps_in_all(self, step: int, now: float) -> float:
+        """Steps of a whole training at the rate at which the rest of it fits into the rest of the budget."""
+        assert self._budget.seconds is not None and self._pace is not None
+        left = 1 - self._share
+        costs = [(high - max(low, self._share)) * cost for low, high, cost in self._stages if high > self._share]
+        fitting = (self._budget.seconds - now) / max(self._pace * sum(costs), 1e-12)
+        if self._budget.steps is not None:
+            fitting = min(fitting, (self._budget.steps - step) / left)
+        return max(fitting, 1.0)
