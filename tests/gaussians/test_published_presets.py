@@ -3,6 +3,8 @@ docs/published-presets.md, whose options must have the presets' values."""
 
 from __future__ import annotations
 
+import csv
+import itertools
 import re
 import tomllib
 from pathlib import Path
@@ -208,3 +210,50 @@ def test_the_presets_have_the_values_that_the_table_says(name: str) -> None:
         assert GaussianOptions().with_overrides({key: value}).flat()[key] == values[key], option
         seen.add(key)
     assert not set(written(name)) - seen, "options of the preset without a row"
+
+
+# ---- the default against the paper ----
+
+DEFAULT = ROOT / "docs" / "dofgaussian.md"
+EFFECTS = ROOT / "reports" / "ablations" / "default-summary.csv"
+
+
+def table_cells(heading: str) -> list[list[str]]:
+    """The cells of the rows of the first table whose heading begins so."""
+    lines = DEFAULT.read_text().splitlines()
+    start = next(index for index, line in enumerate(lines) if line.startswith(heading)) + 2
+    rows = itertools.takewhile(lambda line: line.startswith("|"), lines[start:])
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in rows]
+
+
+def values_of(cell: str) -> dict[str, str]:
+    return dict(pair.split("=") for pair in re.findall(r"`(\w+=[^`]+)`", cell))
+
+
+def test_the_default_differs_from_the_paper_where_its_page_says() -> None:
+    paper, released, short = (preset(name).flat() for name in ("paper", "released", "short"))
+    changed = {name for name, value in short.items() if value != paper[name]}
+    stated: set[str] = set()
+    for _, printed, code, here, _, _ in table_cells("| setting"):
+        cells = {"paper": printed, "released": printed if code == "as in the paper" else code, "short": here}
+        for name, known in (("paper", paper), ("released", released), ("short", short)):
+            found = values_of(cells[name])
+            assert found.keys() == values_of(here).keys()
+            options = GaussianOptions().with_overrides(found).flat()
+            assert {one: options[one] for one in found} == {one: known[one] for one in found}
+        stated |= values_of(here).keys()
+    assert stated == changed
+
+
+def test_the_effects_on_its_page_are_the_measured_ones() -> None:
+    with EFFECTS.open(newline="") as file:
+        measured = [row for row in csv.DictReader(file) if row["dataset"] == "mean"]
+    differences = {(row["row"], row["column"]): row["difference"] for row in measured}
+    cells = [row[-1] for row in (*table_cells("| setting"), *table_cells("| contribution"))]
+    seen = set()
+    for refocused, all_in_focus, row in re.findall(r"^(\S+) / (\S+), (.+)$", "\n".join(cells), re.MULTILINE):
+        seen.add(row)
+        for text, column in ((refocused, "psnr"), (all_in_focus, "aif_psnr")):
+            value = differences[row, column]
+            assert text.replace("−", "-") == (f"{float(value):+.2f}" if value else "no")
+    assert len(seen) == len(cells) - 2

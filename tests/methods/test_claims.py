@@ -23,11 +23,3 @@ def test_it_beats_its_plain_version(claim: Claim) -> None:
     table = tabletop(claim.blur)
     found = sharp_psnr(trained(claim.method, table, claim.steps, 0, **claim.options), table)
     assert found > plain_psnr(claim.plain, claim.blur, claim.steps) + CLAIMED_GAIN
-
-
-@pytest.mark.slow
-def test_nerfocus_refocuses_what_it_learned_from_sharp_photographs() -> None:
-    """A plain field can show the sharp scene alone, which is what this one shows without a lens."""
-    table = tabletop("sharp")
-    method = trained("nerfocus", table, 500)
-    assert refocused_psnr(method, table, refocusing()) > refocused_psnr(method, table, None) + CLAIMED_GAIN

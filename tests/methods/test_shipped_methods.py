@@ -22,7 +22,7 @@ LENS = PhysicalLens(aperture=30.0, focus_disparity=1 / 6, width=48)
 
 
 # Each field takes seconds; of these the first and the paper's rival stand for the rest in the fast suite.
-SLOW = {"deblurnerf", "dpnerf", "lensnerf", "nerfocus", "pdrf"}
+SLOW = {"deblurnerf", "dpnerf", "lensnerf", "pdrf"}
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,8 @@ Probe = Callable[[float], float]  # share of the training -> seconds of a step t
 
 _MEMORY = 30  # steps over which the pace is averaged
 _AGAIN = (0.05, 0.2, 0.5)  # shares of the training at which stages are timed again
+_MOST = 0.05  # share of the budget after which no further stage is timed
+_SHORT = 0.01  # share of the budget: a step that took less is timed twice, as the first may be slow
 _LAST = math.nextafter(1.0, 0.0)
 
 
@@ -37,20 +39,44 @@ class Pace:
         self._probe: Probe | None = None
         self._again: list[float] = []
 
-    def plan(self, starts: Sequence[float], probe: Probe) -> None:
-        """Plan what is left of the training. starts: shares at which a step's cost changes. probe: times a step."""
+    def plan(self, starts: Sequence[float], probe: Probe, *, again: bool = True) -> None:
+        """Plan what is left of the training. starts: shares at which a step's cost may change. probe: times a step.
+        again: whether stages can be timed while it trains too."""
         if self._budget.seconds is None:
             return
         self._starts, self._probe = starts, probe
-        self._again = [share for share in _AGAIN if share > self._share]
+        self._again = [share for share in _AGAIN if again and share > self._share]
         self._measure()
 
     def _measure(self) -> None:
+        """Time the stages, the first and the last before those between them, until that has taken a twentieth of the
+        budget."""
         edges = sorted({self._share, 1.0, *(start for start in self._starts if self._share < start < 1)})
-        if self._probe is not None and len(edges) > 2:
-            self._stages = [(low, high, max(self._probe(low), 1e-9)) for low, high in pairwise(edges)]
-            self._pace = 1.0
+        if self._probe is None or len(edges) == 2 or self._budget.seconds is None:
+            return
+        ends = self._seconds() + _MOST * self._budget.seconds
+        last = len(edges) - 2
+        costs = {index: self._timed(edges[index]) for index in (0, last)}
+        open_spans = [(0, last)]
+        while open_spans and self._seconds() < ends:
+            first, end = open_spans.pop(0)
+            middle = (first + end) // 2
+            if middle > first:
+                costs[middle] = self._timed(edges[middle])
+                open_spans += [(first, middle), (middle, end)]
+        # What wasn't timed costs as much as the next that was: no later stage starves.
+        every = [next(costs[later] for later in range(index, last + 1) if later in costs) for index in range(last + 1)]
+        self._stages = [(low, high, cost) for (low, high), cost in zip(pairwise(edges), every, strict=True)]
+        self._pace = 1.0
         self._now = self._seconds()
+
+    def _timed(self, share: float) -> float:
+        """Seconds of a step at a share of the training, the shorter of two where they are short."""
+        assert self._probe is not None and self._budget.seconds is not None
+        took = self._probe(share)
+        if took < _SHORT * self._budget.seconds:
+            took = min(took, self._probe(share))
+        return max(took, 1e-9)
 
     def progress(self, step: int) -> float:
         """The share of the training that is over after `step`; 1 or more when the budget is spent."""

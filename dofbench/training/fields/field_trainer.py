@@ -26,7 +26,6 @@ from dofbench.training.fields.ray_model import Prediction, RayModel, RayTracer
 from dofbench.training.fields.space import AnnealedSpace
 
 _BETAS, _EPSILON = (0.9, 0.99), 1e-15  # TensoRF
-_PROBES = 2  # steps by which a stage is timed
 # Share of the training over which rates rise from 0 where views are from all around: with the whole rate from the start
 # every camera may get a haze before it that never goes (docs/notes/fields.md).
 _RISE = 0.1
@@ -73,7 +72,7 @@ class FieldTrainer:
         event: NonFinite | None = None
         try:
             self._pixels.check(step=1)
-            pace.plan(self._options.starts(), partial(self._time_of_a_step, observer))
+            pace.plan(self._options.starts(), partial(self._time_of_a_step, observer), again=False)
             while (progress := pace.progress(step)) < 1:
                 self.loss = self._step(step + 1, progress)
                 step += 1
@@ -93,13 +92,10 @@ class FieldTrainer:
         )
 
     def _time_of_a_step(self, observer: Observer, progress: float) -> float:
-        """Seconds of a step at `progress`, by a copy of the training."""
-        twin, took = copy.deepcopy(self), []
-        for _ in range(_PROBES):
-            start = observer.seconds()
-            twin._step(1, progress)
-            took.append(observer.seconds() - start)
-        return min(took)
+        """Seconds of a step at `progress`, by a copy of the training before its first step."""
+        twin, start = copy.deepcopy(self), observer.seconds()
+        twin._step(1, progress)
+        return observer.seconds() - start
 
     def _step(self, step: int, progress: float) -> Tensor:
         """Take step number `step`, from 1; returns the loss, without gradient.

@@ -35,7 +35,6 @@ from dofbench.training.gaussians.trials import HELD_BACK, MOST_TIME, Left, Trial
 from dofbench.training.gaussians.warmup import compile_kernels
 
 _PACE = 3  # steps of a trial from which the time of the rest is estimated
-_PROBES = 2  # steps by which a stage is timed
 
 
 class Trainer:
@@ -173,17 +172,15 @@ class Trainer:
         return f"{count} Gaussians at step {step} are too many for {self._device}; try --set max_gaussians={fitting}"
 
     def _time_of_a_step(self, observer: Observer, progress: float) -> float:
-        """Seconds of a step at `progress`; the steps that tell it are undone."""
+        """Seconds of a step at `progress`, which is undone."""
         snapshot, cameras, loss = self.state.snapshot(), self.state.cameras, self.state.loss
-        took = []
         with self.state.density.pace.rest():
-            for _ in range(_PROBES):
-                start = observer.seconds()
-                self._next(0, progress)
-                took.append(observer.seconds() - start)
+            start = observer.seconds()
+            self._next(0, progress)
+            took = observer.seconds() - start
         self.state.restore(snapshot)
         self.state.cameras, self.state.loss = cameras, loss
-        return min(took)
+        return took
 
     def _next(self, step: int, progress: float) -> None:
         """Take the step after step number `step`, on the next view of the random order."""
