@@ -17,8 +17,8 @@ from dofbench.core.budget import Budget
 Probe = Callable[[float], float]  # share of the training -> seconds of a step there, which is undone
 
 _MEMORY = 30  # steps over which the pace is averaged
-_AGAIN = (0.05, 0.2, 0.5)  # shares of the training at which stages are timed again
-_MOST = 0.05  # share of the budget after which no further stage is timed
+_AGAIN = (0.1, 0.4)  # shares of the training at which stages are timed again
+_MOST = 0.02  # share of the budget after which no further stage is timed
 _SHORT = 0.01  # share of the budget: a step that took less is timed twice, as the first may be slow
 _LAST = math.nextafter(1.0, 0.0)
 
@@ -49,14 +49,15 @@ class Pace:
         self._measure()
 
     def _measure(self) -> None:
-        """Time the stages, the first and the last before those between them, until that has taken a twentieth of the
+        """Time the stages, the last before those between it and the present one, until that has taken its share of the
         budget."""
         edges = sorted({self._share, 1.0, *(start for start in self._starts if self._share < start < 1)})
         if self._probe is None or len(edges) == 2 or self._budget.seconds is None:
             return
         ends = self._seconds() + _MOST * self._budget.seconds
         last = len(edges) - 2
-        costs = {index: self._timed(edges[index]) for index in (0, last)}
+        here = self._timed(edges[0]) if self._pace is None else self._pace * self._cost_at(self._share)
+        costs = {0: here, last: self._timed(edges[last])}
         open_spans = [(0, last)]
         while open_spans and self._seconds() < ends:
             first, end = open_spans.pop(0)
