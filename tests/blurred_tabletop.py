@@ -62,12 +62,10 @@ CLAIMS = (
 
 @dataclass(frozen=True, eq=False)
 class Tabletop:
-    """training: what a method sees. tests: camera and sharp picture (H, W, 3) of each view held back. refocused:
-    these pictures through the lens of `refocusing`."""
+    """training: what a method sees. tests: camera and sharp picture (H, W, 3) of each view held back."""
 
     training: TrainingSet
     tests: tuple[tuple[Camera, np.ndarray], ...]
-    refocused: tuple[np.ndarray, ...]
 
 
 @cache
@@ -101,33 +99,27 @@ def sharp(index: int, image: np.ndarray, depth: np.ndarray) -> np.ndarray:
 BLURS = {"evenly": blurred_evenly, "out of focus": out_of_focus(2.0), "sharp": sharp}
 
 
-def refocusing() -> PhysicalLens:
-    """The lens that views held back are seen through, focused in the middle."""
-    return lens(2.0, 0.5)
-
-
 @cache
 def tabletop(name: str) -> Tabletop:
     """name: one of BLURS, which blur by a view's number, sharp picture and depth."""
     blur = BLURS[name]
     scene = load_scene(content_folder("datasets") / "tabletop", width=WIDTH)
-    views, tests, refocused = [], [], []
+    views, tests = [], []
     for index, view in enumerate(scene.views):
         assert view.depth is not None
         image, depth = view.image().astype(np.float32), view.depth()
         if index % HOLD == 0:
             tests.append((view.camera, image))
-            refocused.append(defocus_numpy(image, depth, refocusing())[0])
         else:
             photograph = blur(index, image, depth).clip(0, 1).astype(np.float32)
             views.append(TrainingView(view.name, view.camera, photograph))
-    return Tabletop(TrainingSet(tuple(views), scene.points), tuple(tests), tuple(refocused))
+    return Tabletop(TrainingSet(tuple(views), scene.points), tuple(tests))
 
 
 def trained(method: str, table: Tabletop, steps: int, seed: int = 0, **options: Any) -> Method:
-    """The method of this id with its usual preset, trained for so many steps."""
+    """The method of this id with its preset `cpu`, trained for so many steps."""
     entry = find_method(method)
-    _, preset, _ = entry.preset(None)
+    _, preset, _ = entry.preset("cpu")
     usual = entry.create({}, 0, "cpu")
     small, forced = (SMALL, usual.FORCED) if isinstance(usual, GaussianMethod) else ({}, {})
     given = {**preset, **small, "steps": steps, **options}
@@ -140,10 +132,3 @@ def sharp_psnr(method: Method, table: Tabletop) -> float:
     """dB of the views held back, all in focus: the mean over views."""
     shown = [(method.render(camera, None).image.clip(0, 1), image) for camera, image in table.tests]
     return float(np.mean([psnr(rendered, image) for rendered, image in shown]))
-
-
-def refocused_psnr(method: Method, table: Tabletop, through: PhysicalLens | None) -> float:
-    """dB of the views held back, rendered through a lens or none, beside what the lens of `refocusing` makes of
-    them."""
-    shown = [method.render(camera, through).image.clip(0, 1) for camera, _ in table.tests]
-    return float(np.mean([psnr(one, truth) for one, truth in zip(shown, table.refocused, strict=True)]))

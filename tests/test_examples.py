@@ -64,7 +64,7 @@ def test_train_and_score(results: Path, place: Path, capsys: pytest.CaptureFixtu
 @pytest.mark.slow
 def test_read_results(results: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main_of("05_read_results.py")(results, place / "report")
-    assert "tabletop, dofgaussian cpu, seed 0: ok, psnr" in capsys.readouterr().out
+    assert "tabletop, dofgaussian short, seed 0: ok, psnr" in capsys.readouterr().out
     assert (place / "report" / "report.html").is_file()
 
 

@@ -111,7 +111,7 @@ def kind_of(name: str) -> str:
 def row(method_id: str, dataset: Dataset, settings: Settings) -> dict[str, object]:
     """Measure a method."""
     entry, training_set = find_method(method_id), dataset.training_set("shallow")
-    _, options, _ = entry.preset(None)
+    _, options, _ = entry.preset("cpu")
     options = {**options, "steps": settings.steps}
     if isinstance(entry.create(options, 0, "cpu"), FieldMethod):
         options["batch_pixels"] = settings.rays

@@ -39,7 +39,8 @@ label = "noisy"
 set = {{ noise = 0.8 }}
 """
 TABLES = TABLE.format(id="tuning", title="Tried") + TABLE.format(id="other", title="Another")
-METHODS = sorted(path.parent.name for path in content_folder("methods").glob("*/method.toml"))
+# dofgaussian is as its paper has it, and isn't tuned.
+METHODS = sorted({path.parent.name for path in content_folder("methods").glob("*/method.toml")} - {"dofgaussian"})
 
 
 @pytest.fixture
@@ -73,7 +74,7 @@ def test_every_method_has_as_many_variants() -> None:
         assert {"seed", "budget", "steps"}.isdisjoint(key for row in others for key in row.set)
         # Every variant is another run than the preset's, and than the other variants'.
         entry = find_method(method)
-        _, options, _ = entry.preset(None)
+        _, options, _ = entry.preset("cpu")
         entry.create({**options}, 0, "cpu")
         digests = set()
         for row in found[TUNING].rows:

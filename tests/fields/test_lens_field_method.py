@@ -20,7 +20,6 @@ from dofbench.methods.lensnerf.method import LensNeRF
 from dofbench.optics.defocus import defocus_numpy
 from dofbench.training.fields import field_trainer
 from dofbench.training.fields.cube_rays import RaysSeen
-from dofbench.training.fields.field_method import FieldMethod
 from dofbench.training.fields.lens_field import LensFieldMethod, through_points
 
 SHORT = field_options()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import pytest
-from blurred_tabletop import CLAIMS, Claim, refocused_psnr, refocusing, sharp_psnr, tabletop, trained
+from blurred_tabletop import CLAIMS, Claim, sharp_psnr, tabletop, trained
 from tolerances import CLAIMED_GAIN
 
 

@@ -23,7 +23,7 @@ RULE = (
     "or never reached the score, counts as later than every other."
 )
 _SHARES = (0.5, 0.8, 0.95)  # of the way from the worst first score to the best: the levels to reach
-_UNEVEN = 1.2
+_UNEVEN, _MEASURED = 1.2, 5.0  # ratio; seconds of training from which it is measured well
 _STEPS_A_WAY = 20  # a level is rounded to a step of 1, 2 or 5 times a power of ten, of at most 1 / this of the way
 
 Point = tuple[float, float]  # (training seconds, score)
@@ -42,10 +42,11 @@ class Curve:
 
 def uneven_clocks(entries: Iterable[Entry]) -> bool:
     """Whether processor time and wall time of training differ between runs by more than a fifth, so that processor time
-    is what can be compared: other work on the machine slows a run down, and methods differ in the cores they use."""
+    is what can be compared: other work on the machine slows a run down, and methods differ in the cores they use. Runs
+    of a few seconds don't tell."""
     scores = [entry.scores for entry in entries if entry.status is Status.OK and entry.result and entry.result.curve]
-    times = [(one.get("train_cpu_s", 0.0), one.get("train_s", 0.0)) for one in scores]
-    if not times or not all(cpu > 0 and wall > 0 for cpu, wall in times):
+    times = [(one.get("train_cpu_s", 0.0), wall) for one in scores if (wall := one.get("train_s", 0.0)) >= _MEASURED]
+    if not times or not all(cpu > 0 for cpu, _ in times):
         return False
     cores = [cpu / wall for cpu, wall in times]
     return max(cores) > _UNEVEN * min(cores)

@@ -81,8 +81,8 @@ class End:
 
 
 def options_of(entry: MethodEntry, **changes: Any) -> dict[str, Any]:
-    """The method's default preset, shortened, with changes; unchanged for another trainer."""
-    _, options, _ = entry.preset(None)
+    """The method's preset `cpu`, or else its default, shortened, with changes; unchanged for another trainer."""
+    _, options, _ = entry.preset("cpu" if "cpu" in entry.card.presets else None)
     made = entry.create({}, 0, "cpu")
     if isinstance(made, FieldMethod):
         return {**options, **SHORT_FIELD}
