@@ -64,7 +64,7 @@ def two_apertures(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def training(data: Path, steps: int, out: Path) -> list[str]:
     """The words of a short training."""
-    method = ["run", "--method", "dofgaussian", "--preset", "smoke"]
+    method = ["run", "--method", "lensselect", "--preset", "smoke"]
     return [*method, "--data", str(data), "--budget", f"{steps}it", "--out", str(out)]
 
 
@@ -82,13 +82,13 @@ def test_one_aperture_predicts_the_photographs_of_another(
     }
     assert numbers == {"train": {2.0}, "test": {8.0}}
     run = ["run", "--preset", "smoke", "--data", str(data), "--budget", "8it", "--out", str(results), "--method"]
-    assert app.main([*run, "dofgaussian"]) == 0 and app.main([*run, "mipsplatting"]) == 0
+    assert app.main([*run, "lensselect"]) == 0 and app.main([*run, "mipsplatting"]) == 0
     plan = capsys.readouterr().out
     assert (
         "across-apertures-v1" in plan and "exif_spread, exif_ratio, exif_focus, exif_focus_scatter: the method" in plan
     )
     found = {result.spec.method: result for result in map(read_result, results.rglob("result.json"))}
-    lens, none = found["dofgaussian"], found["mipsplatting"]
+    lens, none = found["lensselect"], found["mipsplatting"]
     median = sorted(view.aperture for view in lens.apertures)[len(lens.apertures) // 2]
     expected = pytest.approx(median / 4, rel=ROUGH_APERTURE)
     assert all(half.aperture == expected for fit in lens.fits for half in fit.halves)
@@ -204,6 +204,6 @@ def test_sharp_photographs_to_train_on_are_asked_for_in_vain(
     data = tmp_path / "data"
     assert app.main(["make-dataset", str(blurred), "--layout", "deblurnerf", "--out", str(data)]) == 0
     capsys.readouterr()
-    assert app.main(["run", "--method", "dofgaussian", "--data", str(data), "--inputs", "all-in-focus"]) == 2
+    assert app.main(["run", "--method", "lensselect", "--data", str(data), "--inputs", "all-in-focus"]) == 2
     line = capsys.readouterr().err
     assert "no all-in-focus photograph of 17 training views" in line and line.count("\n") == 1
