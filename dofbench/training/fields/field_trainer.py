@@ -94,7 +94,7 @@ class FieldTrainer:
     def _time_of_a_step(self, observer: Observer, progress: float) -> float:
         """Seconds of a step at `progress`, by a copy of the training before its first step."""
         twin, start = copy.deepcopy(self), observer.seconds()
-        twin._step(1, progress)
+        float(twin._step(1, progress))  # waits for a device
         return observer.seconds() - start
 
     def _step(self, step: int, progress: float) -> Tensor:

@@ -177,6 +177,8 @@ class Trainer:
         with self.state.density.pace.rest():
             start = observer.seconds()
             self._next(0, progress)
+            assert self.state.loss is not None
+            float(self.state.loss)  # waits for a device
             took = observer.seconds() - start
         self.state.restore(snapshot)
         self.state.cameras, self.state.loss = cameras, loss
