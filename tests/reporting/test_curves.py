@@ -6,6 +6,8 @@ import itertools
 import math
 import statistics
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -13,7 +15,17 @@ from hypothesis import strategies as st
 
 from dofbench.core.errors import InputError, Status
 from dofbench.core.evidence import ROLE_WORDS, Role
-from dofbench.evaluation.comparing.score_curves import Curve, joint_curve, levels, pareto_front, reach, reached, spans
+from dofbench.evaluation.comparing.score_curves import (
+    Curve,
+    curve_of,
+    joint_curve,
+    levels,
+    pareto_front,
+    reach,
+    reached,
+    spans,
+    uneven_clocks,
+)
 from dofbench.reporting.curves import Plot, Series, mean_series, parse_levels
 from dofbench.reporting.draw import draw_plot
 from dofbench.reporting.timing import reach_text
@@ -24,12 +36,12 @@ TIMES = st.integers(1, 12).map(float)
 SCORES = st.integers(-4, 4).map(float)
 
 
-def curve_of(points: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+def by_time(points: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
     """One score a time, by time."""
     return tuple(sorted(dict(points).items()))
 
 
-CURVES = st.lists(st.tuples(TIMES, SCORES), min_size=1, max_size=8).map(curve_of)
+CURVES = st.lists(st.tuples(TIMES, SCORES), min_size=1, max_size=8).map(by_time)
 
 
 def median_curve(curves) -> tuple[tuple[float, float], ...]:
@@ -239,3 +251,26 @@ def test_a_method_looks_the_same_in_every_plot_of_a_report() -> None:
         data = plot_data(plot)
         assert data["series"][0]["place"] == 2
     assert looks[0] == looks[1]
+
+
+# ---- the clock ----
+
+
+def timed(wall: float, cpu: float) -> Any:
+    moment = SimpleNamespace(train_s=wall, train_cpu_s=cpu, scores={"psnr": 30.0})
+    scores = {"train_s": wall, "train_cpu_s": cpu}
+    spec = SimpleNamespace(seed=0)
+    return SimpleNamespace(status=Status.OK, scores=scores, spec=spec, result=SimpleNamespace(curve=[moment]))
+
+
+def test_clocks_that_differ_by_a_fifth_are_uneven() -> None:
+    assert not uneven_clocks([timed(60.0, 110.0), timed(60.0, 100.0)])
+    assert uneven_clocks([timed(60.0, 110.0), timed(60.0, 80.0)])
+    assert not uneven_clocks([timed(60.0, 110.0), timed(0.5, 0.1)])  # too short to tell
+    assert not uneven_clocks([timed(60.0, 110.0), timed(60.0, 0.0)])  # an old result without processor time
+    assert not uneven_clocks([])
+
+
+def test_a_curve_over_processor_time() -> None:
+    assert curve_of(timed(60.0, 110.0), "psnr").points == ((60.0, 30.0),)
+    assert curve_of(timed(60.0, 110.0), "psnr", processor=True).points == ((110.0, 30.0),)
