@@ -248,6 +248,8 @@ BY_CHANCE = 4
 DRAWN_OR_NOT = 1e-3
 # A clock that adds up tenths of a second in float64 may reach its budget a step sooner or later; steps are whole.
 ONE_STEP = 1
+# Share of a training's steps that a stage gets by an estimated pace, averaged over 30 of hundreds of steps.
+PACED_SHARE = 2e-2
 # Seconds are printed whole: rounded by up to a half, and both sides are sums of floats.
 WHOLE_SECONDS = 0.5 + 1e-6
 # The pace of the latest steps is taken over some of them, of which the printed time rounds half a second off hundreds.

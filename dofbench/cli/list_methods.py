@@ -81,6 +81,7 @@ def _presets(entry: MethodEntry) -> Iterator[str]:
             *(["the default"] if name == card.default_preset else []),
             *(["the default on the built-in dataset"] if name == card.builtin_preset else []),
             *(["the default on a GPU"] if name == card.gpu_preset else []),
+            *(f"without {part}" for part in entry.replaced_parts(declared)),
             *([f"budget {declared['budget']}"] if budget is not None and "budget" in declared else []),
             *([f"as {declared['extends']}, but"] if "extends" in declared else []),
         ]

@@ -7,6 +7,7 @@ import importlib.machinery
 import importlib.util
 import sys
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -109,6 +110,8 @@ class Card(_Strict):
     trials: the option that names, with commas between, what training tries out for itself.
     costs: what its default preset's training takes.
     elsewhere: it trains and renders in another program, so there is nothing to warm up, no curve and no speed.
+    stands_in: option -> value -> the part of the method that this value replaces by something else, because the part
+    isn't at hand here. Reports mark the rows of such runs.
     like: id of another method, whose card holds for all of `LIKE` that this card doesn't say. Stages are added to that
     card's, and so are presets, where an option of a preset of the same name replaces that card's.
     """
@@ -128,6 +131,7 @@ class Card(_Strict):
     trials: str | None = None
     costs: Costs | None = None
     elsewhere: bool = False
+    stands_in: dict[str, dict[str, str]] = {}
     like: str | None = None
     claims: Claims | None = None
 
@@ -189,6 +193,11 @@ class MethodEntry:
             options = {**self.card.presets[base], **options}
         text = options.pop("budget", None)
         return name, options, None if text is None else parse_budget(str(text))
+
+    def replaced_parts(self, options: Mapping[str, Any]) -> list[str]:
+        """The parts of the method that something else stands in for with these options (`Card.stands_in`)."""
+        stands_in = self.card.stands_in.items()
+        return [values[str(options[name])] for name, values in stands_in if str(options.get(name)) in values]
 
     def device_for(self, wanted: str) -> str:
         """The device of a run that asks for `wanted`, a device's name or "auto"; the method and every kernel that it

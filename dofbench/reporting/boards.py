@@ -15,16 +15,18 @@ from dofbench.evaluation.comparing.score_curves import uneven_clocks
 from dofbench.evaluation.results.collecting import Entry, added_columns, board_names, grouped, variant_names
 from dofbench.evaluation.results.columns import COLUMNS, HELD_OUT, SCORES, lens_words
 from dofbench.evaluation.results.protocol import PROTOCOLS
+from dofbench.methods.cards import find_method, method_files
 from dofbench.methods.frozen_presets import State, state_of
 
 DO_NOTHING = "do nothing (Â = F̂ = 0.5)"
-DEVELOPMENT, NOT_FROZEN, CHANGED, OTHER_BUDGET = "†", "‡", "§", "¶"
+DEVELOPMENT, NOT_FROZEN, CHANGED, OTHER_BUDGET, STAND_IN = "†", "‡", "§", "¶", "◊"
 # Sign -> its note below every table that has it, in this order
 NOTES = {
     DEVELOPMENT: f"{DEVELOPMENT} Tuning scene: presets were chosen on it, so it shows nothing about other scenes.",
     NOT_FROZEN: f"{NOT_FROZEN} Preset not fixed before this test scene was run.",
     CHANGED: f"{CHANGED} Not the fixed preset: options or their defaults differ.",
     OTHER_BUDGET: f"{OTHER_BUDGET} Fixed preset under another budget than its own.",
+    STAND_IN: f"{STAND_IN} Something stands in for a part of the method: `dofbench methods METHOD` says for which.",
 }
 _SIGN_OF_STATE: dict[State, str] = {
     "frozen": "",
@@ -202,9 +204,6 @@ def empty_columns(lines: Sequence[Line], columns: Sequence[str]) -> dict[str, st
     return empty
 
 
-# ---- means over scenes ----
-
-
 def mean_lines(boards: Sequence[Board], columns: Sequence[str]) -> dict[Variant, Line]:
     """Means over several boards of one kind; gaps for variants that a board lacks. The spread is the standard deviation
     of this mean over seeds that all boards have."""
@@ -224,9 +223,6 @@ def mean_lines(boards: Sequence[Board], columns: Sequence[str]) -> dict[Variant,
     return means
 
 
-# ---- what a result doesn't prove ----
-
-
 def role_of(members: Iterable[Entry]) -> Role | None:
     """The role of a board's scene; None where no result states it (a run that died doesn't)."""
     return next((entry.result.role for entry in members if entry.result and entry.result.role), None)
@@ -239,9 +235,10 @@ def frozen_state(entry: Entry) -> State:
 
 def signs_of(role: Role | None, entries: Sequence[Entry]) -> str:
     """The signs of a row with these runs on a scene of this role; the preset counts on test scenes alone."""
-    if role == "development":
-        return DEVELOPMENT
-    return united(_SIGN_OF_STATE[frozen_state(entry)] for entry in entries) if role == "report" else ""
+    spec = entries[0].spec  # a row's runs share method and options
+    replaced = spec.method in method_files() and bool(find_method(spec.method).replaced_parts(spec.options))
+    states = (_SIGN_OF_STATE[frozen_state(entry)] for entry in entries) if role == "report" else ()
+    return united([DEVELOPMENT * (role == "development"), *states, STAND_IN * replaced])
 
 
 def united(several: Iterable[str]) -> str:

@@ -18,6 +18,7 @@ from small_dataset import write_dataset
 
 from dofbench.core.evidence import PHOTOGRAPHER_SAYS, PHOTOGRAPHER_WORDS, ROLE_SAYS, ROLE_WORDS
 from dofbench.evaluation.results.collecting import Entry, collect
+from dofbench.methods.cards import find_method
 from dofbench.reporting import report_files
 from dofbench.reporting.boards import NOTES, role_of, signs_of
 from dofbench.reporting.report_files import write_report
@@ -152,7 +153,7 @@ def test_the_overview_is_marked_too(report: Path) -> None:
     assert signs["fern"] == signs["fence"] == ("†", "†") and signs["waves"][0] == ""
     assert signs["trex"][0] == "‡" and signs["room"][0] == "‡§¶"
     below = html.split('<section id="overview">')[1].split("</section>")[0]
-    assert all(note in below for note in NOTES.values())
+    assert all(NOTES[sign] in below for sign in "†‡§¶")
 
 
 def test_files_say_it(report: Path) -> None:
@@ -186,3 +187,15 @@ def test_a_run_that_died_has_the_role_of_its_board(
     freeze_fake(tmp_path)
     assert signs_of("report", [entry]) == signs_of("report", [replace(dead, choices=entry.choices)]) == ""
     assert signs_of("report", [dead]) == "§"  # nothing shows what it chose
+
+
+def test_a_row_says_that_something_stands_in_for_a_part_of_its_method(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Callable
+) -> None:
+    call(data=write_dataset(tmp_path / "fern", name="fern", role="development", role_by="llff/fern"))
+    (entry,) = collect(tmp_path / "results").entries
+    _, options, _ = find_method("dofgaussian").preset("short")
+    stereo = replace(entry, spec=entry.spec.model_copy(update={"method": "dofgaussian", "options": options}))
+    network = entry.spec.model_copy(update={"method": "dofgaussian", "options": {**options, "depth_prior": "tuned"}})
+    assert signs_of("development", [stereo]) == "†◊" and "◊" in signs_of("report", [stereo])
+    assert "◊" not in signs_of("report", [replace(entry, spec=network)])
