@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 from dofbench.core.errors import InputError
 from dofbench.core.options import options
@@ -46,12 +46,16 @@ class Score:
     data: Path | None = None
     """The dataset's folder, if it isn't where the results say."""
 
+    lpips: Annotated[tuple[Path, ...] | None, arg(metavar="WEIGHTS [WEIGHTS]")] = None
+    """LPIPS too, by these weights: torchvision's AlexNet or VGG16, and the linear layers of the lpips package (two
+    files, or one with both). Without it, no LPIPS."""
+
 
 def score(settings: Score) -> bool:
     """Score the results again; False where a score differs or a result couldn't be scored."""
     from dofbench.running.rescore import score as score_again
 
-    return score_again(settings.results, settings.metrics, settings.data)
+    return score_again(settings.results, settings.metrics, settings.data, lpips=settings.lpips)
 
 
 @options()

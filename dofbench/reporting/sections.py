@@ -136,12 +136,13 @@ def claims_section(entries: Sequence[Entry]) -> Section | None:
 
 
 def added_section(entries: Sequence[Entry]) -> Section | None:
-    """Which scores were computed after their runs, and by which code."""
+    """Which scores were computed after their runs, and by which code and weights."""
     by_code: dict[str, dict[str, None]] = {}
     for entry in entries:
         for column, score in (entry.added.scores if entry.added else {}).items():
-            by_code.setdefault(score.code, {})[column] = None
-    items = tuple(f"{', '.join(columns)}: by code {code}." for code, columns in by_code.items())
+            made_by = f"by code {score.code}" + (f", weights of sha256 {score.weights}" if score.weights else "")
+            by_code.setdefault(made_by, {})[column] = None
+    items = tuple(f"{', '.join(columns)}: {made_by}." for made_by, columns in by_code.items())
     said = "Computed by `dofbench score` from the kept renderings and models."
     return Section("Added after the runs", (said,), items=items) if items else None
 

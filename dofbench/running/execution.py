@@ -355,7 +355,10 @@ class Execution:
             schema_version=SCHEMA_VERSION,
             key=self.spec.key,
             spec=self.spec,
-            protocol={**self.protocol.as_data(), "metrics": {entry.id: entry.note for entry in METRICS.values()}},
+            protocol={
+                **self.protocol.as_data(),
+                "metrics": {entry.id: entry.note for entry in METRICS.values() if entry.needs != "weights"},
+            },
             plan=plan,
             status=status,
             message=message,

@@ -1,7 +1,8 @@
 """Scores of a result computed again from its dataset and the pictures and lenses that it kept, and compared.
 
 Not computed again: what needs the trained model (depth errors, `resolved`, predictions by one Gaussian blur, by the
-unscaled aperture and in focus), for which there is `dofbench score`, and what was measured once (times, memory, speed).
+unscaled aperture and in focus) or a user's weights (LPIPS), for which there is `dofbench score`, and what was measured
+once (times, memory, speed).
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
@@ -24,13 +25,17 @@ from dofbench.datasets.format.dataset import Dataset
 from dofbench.evaluation.metrics import METRICS, score_image
 from dofbench.evaluation.results import provenance
 from dofbench.evaluation.results.added_scores import ADDED_VERSION, Added, AddedScore, read_added, write_added
-from dofbench.evaluation.results.protocol import AIF_PREFIX, DEPTH_COLUMNS, arithmetic_mean
+from dofbench.evaluation.results.columns import WEIGHTED
+from dofbench.evaluation.results.protocol import AIF_PREFIX, DEPTH_COLUMNS, PROTOCOLS, arithmetic_mean, kind_prefix
 from dofbench.evaluation.results.result import RESULT_FILE, Result
 from dofbench.evaluation.results.run_lease import run_lease
-from dofbench.evaluation.scoring.evaluate import PREFIX, WHOLE, Kind, depth_scores, true_depth
+from dofbench.evaluation.scoring.evaluate import PREFIX, Kind, depth_scores, true_depth
 from dofbench.evaluation.scoring.ground_truth import missing_truth
 from dofbench.methods.cards import find_method
 from dofbench.running.load_run import LoadedRun, load_run
+
+if TYPE_CHECKING:
+    from dofbench.evaluation.metrics.lpips import Lpips
 
 SAME = 1e-6  # relative, between a score and the same one computed again from the same pictures
 SAME_LEVELS = 1  # of 255, between a kept picture and the kept model rendered again: float32 sums of another machine
@@ -58,22 +63,30 @@ def score(
     metrics: str | None = None,
     data: Path | None = None,
     console: Console | None = None,
+    lpips: Sequence[Path] | None = None,
 ) -> bool:
     """Score every result at or below `paths`, and add what is new to its added.json.
 
-    metrics: columns, comma-separated; all that are known for None. data: where the dataset is now. False when a result
-    couldn't be scored, or a score of its own doesn't come out again. Raises InputError for a wrong call.
+    metrics: columns, comma-separated; all that are known for None. data: where the dataset is now. lpips: files with
+    weights (`load_lpips`); no LPIPS for None. False when a result couldn't be scored, or a score of its own doesn't
+    come out again. Raises InputError for a wrong call.
     """
     console = console or Console()
-    columns = _columns(metrics)
-    folders = _folders(paths)
-
     tell = partial(say, console)
+    weighted = None
+    if lpips is not None:
+        from dofbench.evaluation.metrics.lpips import load_lpips
+
+        weighted = load_lpips(lpips)
+    columns = None if metrics is None else _columns(metrics, weighted)
+    folders = _folders(paths)
+    if weighted is not None:
+        tell(f"LPIPS by {weighted.name} ({weighted.id}), sha256 of the weights {weighted.sha256}")
 
     good = True
     with Terminal().stage("results scored", len(folders)) as advance:
         for done, folder in enumerate(folders, 1):
-            found = _score_folder(folder, data, columns)
+            found = _score_folder(folder, data, columns, weighted)
             for line in found if isinstance(found, list) else _lines(found):
                 tell(f"{folder}: {line}")
             good = good and (isinstance(found, list) or not found.problems)
@@ -81,35 +94,39 @@ def score(
     return good
 
 
-def _score_folder(folder: Path, data: Path | None, columns: Sequence[str]) -> Scored | list[str]:
+def _score_folder(
+    folder: Path, data: Path | None, columns: Sequence[str] | None, lpips: Lpips | None
+) -> Scored | list[str]:
     """Score the result in `folder` again and keep what is new; or a line that says why nothing is scored."""
     try:
         run = load_run(folder, data)
         if run.result.status is not Status.OK:
             return [f"skipped, because its run ended {run.result.status}"]
         with run_lease(folder, run.result.spec, run.result.scene, timestamp()):
-            found = score_result(run, columns)
+            found = score_result(run, columns, lpips)
             _keep(run, found)
             return found
     except InputError as error:
         return Scored(problems=[" ".join(str(error).split())])
 
 
-def score_result(run: LoadedRun, columns: Iterable[str]) -> Scored:
-    """Compute these columns from what the run kept. Raises InputError when its dataset isn't there."""
+def score_result(run: LoadedRun, columns: Iterable[str] | None, lpips: Lpips | None = None) -> Scored:
+    """Compute these columns from what the run kept; for None all that are known, by `lpips` those of its protocol's
+    kinds of image. Raises InputError when its dataset isn't there."""
     result, dataset = run.result, run.dataset
-    wanted = list(columns)
+    wanted = [*columns_known(), *_own_columns(run, lpips)] if columns is None else list(columns)
     sources: list[tuple[str, Callable[[], dict[str, dict[str, float]]], list[str]]] = []
     found = Scored()
-    for kind in WHOLE:
-        prefix = PREFIX[kind]
-        own = [
-            column for column in wanted if column not in DEPTH_COLUMNS and column.startswith(AIF_PREFIX) == bool(prefix)
-        ]
+    for kind, prefix in PREFIX.items():
+        own = [column for column in wanted if column not in DEPTH_COLUMNS and kind_prefix(column) == prefix]
         if own and (reason := _no_pictures(result, kind)):
             found.left_out |= dict.fromkeys(own, reason)
-        elif own:
-            sources.append(("predictions", partial(_of_pictures, run, kind, own), own))
+            continue
+        if lpips and prefix + lpips.id in own and (reason := _too_small(dataset, lpips)):
+            found.left_out[prefix + lpips.id] = reason
+            own.remove(prefix + lpips.id)
+        if own:
+            sources.append(("predictions", partial(_of_pictures, run, kind, own, lpips), own))
     depth = [column for column in wanted if column in DEPTH_COLUMNS]
     if depth and (reason := _no_rendering(run)):
         found.left_out |= dict.fromkeys(depth, reason)
@@ -123,15 +140,17 @@ def score_result(run: LoadedRun, columns: Iterable[str]) -> Scored:
             values = {name: scores[column] for name, scores in views.items()}
             mean = arithmetic_mean(list(values.values()))
             if column not in result.scores:
+                metric = column.removeprefix(kind_prefix(column))
                 found.added[column] = AddedScore.model_validate(
                     {
                         "value": mean,
                         "views": values,
                         "of": of,
-                        "note": METRICS[column.removeprefix(AIF_PREFIX)].note,
+                        "note": METRICS[metric].note,
                         "code": code,
                         "git": git,
                         "scored": timestamp(),
+                        "weights": lpips.sha256 if lpips and metric == lpips.id else "",
                     }
                 )
             elif _same(mean, result.scores[column]):
@@ -143,15 +162,30 @@ def score_result(run: LoadedRun, columns: Iterable[str]) -> Scored:
     return found
 
 
-def _columns(metrics: str | None) -> tuple[str, ...]:
-    known = columns_known()
-    if metrics is None:
-        return known
+def _columns(metrics: str, lpips: Lpips | None) -> tuple[str, ...]:
+    known = (*columns_known(), *(prefix + lpips.id for prefix in PREFIX.values() if lpips))
     wanted = tuple(dict.fromkeys(part.strip() for part in metrics.split(",")))
     for column in wanted:
+        if column not in known and column in WEIGHTED:
+            label = METRICS[column.removeprefix(kind_prefix(column))].label
+            raise InputError("--metrics", repr(column), f"the weights of {label} in --lpips")
         if column not in known:
-            raise unknown("--metrics", column, known)
+            raise unknown("--metrics", column, {*known, *WEIGHTED})
     return wanted
+
+
+def _own_columns(run: LoadedRun, lpips: Lpips | None) -> list[str]:
+    """The columns of LPIPS for the kinds of image that the run's protocol scores."""
+    protocol = PROTOCOLS.get(run.result.spec.protocol)
+    if lpips is None or protocol is None:
+        return []
+    return [prefix + lpips.id for prefix in PREFIX.values() if f"{prefix}psnr" in protocol.image_columns]
+
+
+def _too_small(dataset: Dataset, lpips: Lpips) -> str:
+    """Why the images have no LPIPS, or ""."""
+    shortest = min(min(view.camera.width, view.camera.height) for view in dataset.test_views())
+    return f"images of {shortest} px, and {lpips.name} needs {lpips.smallest}" if shortest < lpips.smallest else ""
 
 
 def _folders(paths: Sequence[Path]) -> list[Path]:
@@ -173,16 +207,19 @@ def _no_pictures(result: Result, kind: Kind) -> str:
     return result.left_out.get(f"{PREFIX[kind]}psnr", "the run kept no such pictures")
 
 
-def _of_pictures(run: LoadedRun, kind: Kind, columns: list[str]) -> dict[str, dict[str, float]]:
+def _of_pictures(run: LoadedRun, kind: Kind, columns: list[str], lpips: Lpips | None) -> dict[str, dict[str, float]]:
     """Raises InputError where a picture isn't the one that was scored."""
     prefix = PREFIX[kind]
-    metrics = [column.removeprefix(prefix) for column in columns]
-    read = run.dataset.image if kind == "refocus" else run.dataset.all_in_focus
+    metrics = [column.removeprefix(prefix) for column in columns if column not in WEIGHTED]
+    read = run.dataset.all_in_focus if kind == "all_in_focus" else run.dataset.image
     views = {}
     for view in run.dataset.test_views():
         picture, truth = read_image(run.prediction(kind, view.name)), read(view)
         assert truth is not None
-        scores = score_image(picture, truth, metrics, run.dataset.mask(view))
+        mask = run.dataset.mask(view)
+        scores = score_image(picture, truth, metrics, mask)
+        if lpips and prefix + lpips.id in columns:
+            scores[lpips.id] = lpips(picture, truth, mask)
         views[view.name] = {prefix + metric: float(value) for metric, value in scores.items()}
     return views
 

@@ -125,6 +125,7 @@ def test_a_lost_value_without_an_event_is_named(call) -> None:
         (lambda data: data["scores"]["aif_gmsd"]["views"].pop("v0"), "added aif_gmsd: its views aren't"),
         (lambda data: data["scores"].update(psnr=data["scores"]["aif_gmsd"]), "added psnr: the result itself has"),
         (lambda data: data["scores"].update(lpips=data["scores"]["aif_gmsd"]), "added lpips: no such metric"),
+        (lambda data: data["scores"].update(lpips_alex=data["scores"]["aif_gmsd"]), "added lpips_alex: no sha256 of"),
         (lambda data: data.update(key="0" * 64), "added scores of the key 00000000"),
         (lambda data: data.update(result_sha256="0" * 64), "scores of another result.json"),
         (lambda data: data.update(schema_version=9), "found schema_version 9"),

@@ -7,6 +7,7 @@ import csv
 import io
 import json
 import math
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -14,23 +15,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fake_method import fake_run
+from lpips_weights import write_weights
 from relisted import write_again
 from rich.console import Console
 from small_dataset import write_dataset
 
+from dofbench.cli import app
 from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image, write_png
 from dofbench.evaluation.metrics import METRICS, Metric
+from dofbench.evaluation.metrics.lpips import load_lpips
 from dofbench.evaluation.results.added_scores import read_added
+from dofbench.evaluation.results.collecting import collect
 from dofbench.evaluation.results.protocol import DEPTH_COLUMNS
 from dofbench.evaluation.results.result import read_result
 from dofbench.evaluation.results.run_lease import run_lease
 from dofbench.reporting import report_files
 from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
+from dofbench.running.check_results import check_result
 from dofbench.running.load_run import load_run
-from dofbench.running.rescore import columns_known, score
+from dofbench.running.rescore import columns_known, score, score_result
 
 
 @pytest.fixture
@@ -248,6 +254,103 @@ def test_the_report_shows_what_was_added(call, tmp_path: Path, monkeypatch: pyte
     (end.folder / "added.json").write_text("{")
     assert not write_report(settings, Console(quiet=True))  # named, and the rest is there
     assert "added.json" in (tmp_path / "board" / "leaderboard.md").read_text()
+
+
+# ---- LPIPS, by a user's weights ----
+
+
+def written_report(folder: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[list[dict[str, str]], str]:
+    """The rows of the table and the page of a report on `folder`/results, without curves and pictures."""
+    monkeypatch.setattr(report_files, "write_curves", lambda *_: {})
+    monkeypatch.setattr(report_files, "write_strip", lambda *_: "this test wants none")
+    assert write_report(Report(folder / "results", folder / "board"), Console(quiet=True))
+    table = csv.DictReader(io.StringIO((folder / "board" / "leaderboard.csv").read_text()))
+    return list(table), (folder / "board" / "leaderboard.md").read_text().replace("\\", "")
+
+
+@pytest.mark.slow
+def test_lpips_is_added_where_weights_are_given(call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    end, blind = call(), call(method="pinhole")
+    assert (
+        "LPIPS" not in written_report(tmp_path, monkeypatch)[1]
+        and "lpips_alex" not in (end.folder / "result.json").read_text()
+    )
+    lpips = load_lpips(weights := write_weights(tmp_path))
+    assert app.main(["score", str(tmp_path / "results"), "--lpips", *map(str, weights)]) == 0
+    added, data = read_added(end.folder), load_run(end.folder).dataset
+    assert {column for column, one in added.scores.items() if one.weights} == {"lpips_alex", "aif_lpips_alex"}
+    assert added.scores["lpips_alex"].weights == added.scores["aif_lpips_alex"].weights == lpips.sha256
+    for kind, column, read in (
+        ("refocus", "lpips_alex", data.image),
+        ("all_in_focus", "aif_lpips_alex", data.all_in_focus),
+    ):
+        assert added.scores[column].views == {
+            view.name: lpips(read_image(end.folder / "predictions" / kind / f"{view.name}.png"), read(view))
+            for view in data.test_views()
+        }
+    assert read_added(blind.folder).left_out["lpips_alex"] == "the method has no lens to refocus with"
+    assert all(check_result(one.folder).problems == [] for one in (end, blind))
+    table, page = written_report(tmp_path, monkeypatch)
+    assert float(table[0]["lpips_alex"]) == pytest.approx(added.scores["lpips_alex"].value)
+    assert table[1]["lpips_alex"] == "" and float(table[1]["aif_lpips_alex"]) > 0
+    assert "LPIPS (AlexNet) ↓" in page and f"weights of sha256 {lpips.sha256}" in page
+    assert not any("vgg" in column for column in table[0]) and "VGG16) ↓" not in page
+
+
+@pytest.mark.slow
+def test_lpips_by_other_weights_is_not_compared(call, tmp_path: Path) -> None:
+    """A column holds scores by the weights that most runs have."""
+    ends = [call(seed=seed) for seed in range(3)]
+    first, second = write_weights(tmp_path), write_weights(tmp_path, seed=1)
+    for end, weights in zip(ends, (first, second, first), strict=True):
+        assert scored(end.folder, "aif_lpips_alex", lpips=weights)[0]
+    entries = collect(tmp_path / "results").entries
+    assert ["aif_lpips_alex" in entry.scores for entry in entries] == [True, False, True]
+    assert f"by weights of sha256 {load_lpips(second).sha256[:8]}" in entries[1].left_out["aif_lpips_alex"]
+    assert scored(ends[1].folder, "aif_lpips_alex", lpips=first)[0]
+    assert all("aif_lpips_alex" in entry.scores for entry in collect(tmp_path / "results").entries)
+
+
+def test_scores_without_weights_keep_those_with(call, tmp_path: Path) -> None:
+    end = call()
+    scored(end.folder, "lpips_alex", lpips=write_weights(tmp_path))
+    before = read_added(end.folder).scores["lpips_alex"]
+    assert scored(end.folder, "aif_gmsd")[0] and read_added(end.folder).scores["lpips_alex"] == before
+    # A version without LPIPS can read what has none.
+    assert "weights" not in json.loads((end.folder / "added.json").read_text())["scores"]["aif_gmsd"]
+
+
+def test_small_images_have_no_lpips(call, tmp_path: Path) -> None:
+    end = call()
+    lpips = load_lpips(write_weights(tmp_path))
+    lpips.smallest = 49  # the images have 48 px
+    good = score_result(load_run(end.folder), ("psnr", "lpips_alex"), lpips)
+    assert good.again == ["psnr"] and "images of 48 px" in good.left_out["lpips_alex"]
+
+
+@pytest.mark.parametrize(
+    ("metrics", "weights", "match"),
+    [
+        ("lpips_alex", None, "weights of LPIPS .AlexNet. in --lpips"),
+        ("aif_lpips_vgg", "alex", "weights of LPIPS .VGG16. in --lpips"),
+        ("lpips", None, "did you mean lpips_"),
+    ],
+)
+def test_columns_of_lpips_need_its_weights(call, tmp_path: Path, metrics: str, weights: str | None, match: str) -> None:
+    call()
+    with pytest.raises(InputError, match=match):
+        score([tmp_path / "results"], metrics, lpips=write_weights(tmp_path, weights) if weights else None)
+
+
+def test_wrong_weights_are_a_wrong_call(call, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    end = call()
+    (tmp_path / "text.pth").write_text("no weights")
+    backbone, _ = write_weights(tmp_path)
+    for words in ([], ["text.pth"], [backbone.name], ["results"], ["none.pth"]):
+        assert app.main(["score", str(end.folder), "--lpips", *(str(tmp_path / word) for word in words)]) == 2
+        printed = capsys.readouterr()
+        assert re.fullmatch(r"dofbench: .+: found .+, expected .+\n", printed.err) and not printed.out
+    assert read_added(end.folder) is None
 
 
 @pytest.mark.parametrize(

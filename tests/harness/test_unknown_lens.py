@@ -8,16 +8,22 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from lpips_weights import write_weights
 from relisted import write_again
 from rich.console import Console
 from small_dataset import write_dataset
 
 from dofbench.core.errors import Status
+from dofbench.core.images import read_image
 from dofbench.core.jobs import Outcome
+from dofbench.datasets.format.dataset import Dataset
+from dofbench.evaluation.metrics.lpips import load_lpips
 from dofbench.evaluation.results.result import read_result
 from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
 from dofbench.running.check_results import check_result
+from dofbench.running.load_run import load_run
+from dofbench.running.rescore import score, score_result
 
 EVERY, TRAINED = [f"v{index}" for index in range(6)], [f"v{index}" for index in range(2, 6)]
 
@@ -104,11 +110,21 @@ def test_photographs_are_scored_by_what_half_of_each_tells(call: Callable[..., O
     off = read_result(call(data=data, set=("lens=false",)).folder)
     assert "no lens here" in off.left_out["photo_blur_psnr"] and check_result(end.folder).problems == []
 
+    # By a user's weights, the prediction of a photograph against it.
+    lpips = load_lpips(write_weights(tmp_path))
+    found = score_result(load_run(end.folder), None, lpips)
+    truth = Dataset.load(data).image(Dataset.load(data).test_views()[0])
+    views = found.added["photo_lpips_alex"].views
+    assert views["v0"] == lpips(read_image(end.folder / "predictions" / "photograph" / "v0.png"), truth)
+    assert not any("lpips" in column for column in found.left_out)
+    assert score([end.folder], "photo_lpips_alex", lpips=write_weights(tmp_path), console=Console(quiet=True))
+
     write_report(Report(results=tmp_path / "results", out=tmp_path / "report"), Console(quiet=True))
     page = (tmp_path / "report" / "leaderboard.md").read_text()
     board = page[page.index("## seal") : page.index("## Scores")]
     heading = next(line for line in board.splitlines() if line.startswith("| method"))
     assert "photograph PSNR [dB]" in heading and "| PSNR" not in heading and "| all-in-focus" not in heading
+    assert "photograph LPIPS (AlexNet) ↓" in heading.replace("\\", "")
     assert (tmp_path / "report" / "curves" / "seal-photographs-v1-photo_psnr.svg").is_file()
     assert "Photographs of unknown lens" in (tmp_path / "report" / "report.html").read_text()
     assert (tmp_path / "report" / "comparison" / "seal-photographs-v1.png").is_file()

@@ -32,7 +32,7 @@ def noisy(image: np.ndarray, amount: float, seed: int = 1) -> np.ndarray:
 
 def test_ids() -> None:
     lens = "delta_a delta_f delta_r disparity_error depth_rel exif_spread exif_ratio exif_focus exif_focus_scatter"
-    assert list(METRICS) == [*SYMMETRIC, *lens.split()]
+    assert list(METRICS) == [*SYMMETRIC, *lens.split(), "lpips_alex", "lpips_vgg"]
     for key, entry in METRICS.items():
         assert entry.id == key
         assert entry.label and entry.note
@@ -132,8 +132,9 @@ def test_score_image() -> None:
 def test_unknown_metrics_are_refused() -> None:
     with pytest.raises(InputError, match="'lpips', expected one of delta_a, delta_e"):
         metric("lpips")
-    with pytest.raises(InputError, match="needs lenses or depth"):
-        score_image(picture(), picture(), ["delta_a"])
+    for metric_id in ("delta_a", "lpips_alex"):
+        with pytest.raises(InputError, match="needs lenses, depth or weights"):
+            score_image(picture(), picture(), [metric_id])
 
 
 def test_importing_the_registry_loads_nothing_heavy() -> None:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from dofbench.core.errors import Status
 from dofbench.evaluation.results.collecting import Entry
-from dofbench.evaluation.results.columns import ALL_IN_FOCUS, EXIF, PHOTOGRAPH, REFOCUS, SCORES
-from dofbench.evaluation.results.protocol import DEPTH_COLUMNS, PROTOCOLS, arithmetic_mean
+from dofbench.evaluation.results.columns import ALL_IN_FOCUS, EXIF, PHOTOGRAPH, REFOCUS, SCORES, WEIGHTED
+from dofbench.evaluation.results.protocol import DEPTH_COLUMNS, PROTOCOLS, arithmetic_mean, kind_prefix
 
 
 @dataclass(frozen=True)
@@ -52,13 +52,14 @@ def _no_reason(entry: Entry, column: str) -> str:
         return f"{protocol.id} has no such score"
     if column in EXIF:
         return ""
-    if protocol is not None and column in (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH):
-        own = *protocol.refocus_columns, *protocol.all_in_focus_columns, *protocol.photograph
-        if column not in own:
-            return ""
-    return (
-        "the result holds no such score, nor a reason" if column in SCORES else "not computed: `dofbench score` adds it"
-    )
+    if column in SCORES:
+        of_images = column in (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH)
+        foreign = protocol is not None and of_images and column not in protocol.image_columns
+        return "" if foreign else "the result holds no such score, nor a reason"
+    if column in WEIGHTED:
+        foreign = protocol is not None and f"{kind_prefix(column)}psnr" not in protocol.image_columns
+        return "" if foreign else "not computed: `dofbench score --lpips` adds it"
+    return "not computed: `dofbench score` adds it"
 
 
 def scene_mean(

@@ -34,7 +34,8 @@ class Metric:
     """A column of a table.
 
     unit: empty for a plain number. best, worst: ends of the range. needs: "images", a prediction and its truth, for
-    `function`, which else is None; "lens" (`lens_errors`), "depth" (`depth_errors`) or "exif" (`exif_errors`).
+    `function`, which else is None; "lens" (`lens_errors`), "depth" (`depth_errors`) or "exif" (`exif_errors`);
+    "weights", images and a user's weights (`lpips`).
     note: footnote of a table. digits: decimals in tables.
     """
 
@@ -44,7 +45,7 @@ class Metric:
     higher_is_better: bool
     best: float
     worst: float
-    needs: Literal["images", "lens", "depth", "exif"]
+    needs: Literal["images", "lens", "depth", "exif", "weights"]
     function: ImageMetric | None
     note: str
     digits: int = 4
@@ -88,6 +89,6 @@ def score_image(
     for metric_id in ids:
         function = metric(metric_id).function
         if function is None:
-            raise InputError("metric", f"{metric_id!r}, which needs lenses or depth", "a metric of images")
+            raise InputError("metric", f"{metric_id!r}, which needs lenses, depth or weights", "a metric of images")
         scores[metric_id] = function(prediction, truth) if mask is None else function(prediction, truth, mask)
     return scores

@@ -17,7 +17,7 @@ ADDED_VERSION = 1
 class AddedScore(Stored):
     """The score of one column. value: mean of `views`, values by test view. of: the source, stored "predictions" or a
     rendering of the stored "model". note: the metric's. code: `provenance.code_version`. scored: time of
-    computation."""
+    computation. weights: sha256 of a user's weights, "" for a metric without; scores by others aren't compared."""
 
     value: float
     views: dict[str, float]
@@ -26,6 +26,7 @@ class AddedScore(Stored):
     code: str
     git: Git | None
     scored: str
+    weights: str = ""
 
 
 class Added(Stored):
@@ -40,7 +41,7 @@ class Added(Stored):
 
 def write_added(folder: Path, added: Added) -> None:
     """Write `folder`/added.json, atomically."""
-    write_json(folder / ADDED_FILE, added.model_dump(mode="python"))
+    write_json(folder / ADDED_FILE, added.model_dump(mode="python", exclude_defaults=True))
 
 
 def read_added(folder: Path) -> Added | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from dofbench.core.files import canonical_json, files_below
 from dofbench.datasets.format.points_record import PointsRecord, points_of_plan
 from dofbench.evaluation.results.added_scores import Added, read_added
 from dofbench.evaluation.results.columns import COLUMNS, SCORES
+from dofbench.evaluation.results.protocol import kind_prefix
 from dofbench.evaluation.results.result import RESULT_FILE, Result, Spec, read_result
 from dofbench.evaluation.results.run_lease import read_lease
 from dofbench.evaluation.results.run_spec import option_words
@@ -142,7 +144,7 @@ def collect(*folders: Path) -> Collection:
     if not entries and not unreadable:
         where = ", ".join(map(str, folders))
         raise InputError(where, f"no {RESULT_FILE} in it or below", "results of `dofbench run`")
-    entries = _settled(entries)
+    entries = _of_one_set_of_weights(_settled(entries))
     entries.sort(key=lambda entry: (*entry.board, *entry.variant, entry.spec.seed, entry.spec.key))
     return Collection(tuple(entries), tuple(unreadable), tuple(running), tuple(doubles))
 
@@ -154,6 +156,35 @@ def _settled(entries: Sequence[Entry]) -> list[Entry]:
         entry if entry.result is not None else replace(entry, choices=known.get(_but_for_seed(entry)))
         for entry in entries
     ]
+
+
+def _of_one_set_of_weights(entries: Sequence[Entry]) -> list[Entry]:
+    """The entries; scores by other weights than most runs' have a reason instead, since they can't be compared."""
+    used = Counter(
+        (_metric_of(column), score.weights)
+        for entry in entries
+        for column, score in (entry.added.scores if entry.added else {}).items()
+        if score.weights
+    )
+    kept = dict(pair for pair, _ in sorted(used.items(), key=lambda one: (one[1], one[0])))  # the most frequent is last
+    found = []
+    for entry in entries:
+        scores = entry.added.scores if entry.added else {}
+        other = {
+            column: f"by weights of sha256 {score.weights[:8]}…, most runs here by {most[:8]}…"
+            for column, score in scores.items()
+            if score.weights and score.weights != (most := kept[_metric_of(column)])
+        }
+        if entry.added and other:
+            left = {column: score for column, score in scores.items() if column not in other}
+            added = entry.added.model_copy(update={"scores": left, "left_out": {**entry.added.left_out, **other}})
+            entry = replace(entry, added=added)
+        found.append(entry)
+    return found
+
+
+def _metric_of(column: str) -> str:
+    return column.removeprefix(kind_prefix(column))
 
 
 def _but_for_seed(entry: Entry) -> str:

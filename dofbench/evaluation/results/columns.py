@@ -9,10 +9,13 @@ from typing import Any
 from dofbench.evaluation.metrics import COLUMN_DATA, METRICS
 from dofbench.evaluation.results.protocol import (
     ACROSS_COLUMNS,
+    ACROSS_PREFIX,
     AIF_PREFIX,
     EXIF_COLUMNS,
     EXIF_FOCUS_COLUMNS,
+    PHOTO_PREFIX,
     PHOTOGRAPH_COLUMNS,
+    kind_prefix,
 )
 
 IDENTITY = ("method", "preset", "dataset", "scene", "protocol", "seed", "status")
@@ -68,11 +71,15 @@ def _column(column: str) -> Column:
         label, unit, direction, digits, note = COLUMN_DATA["columns"][column]
         higher_is_better = {"higher": True, "lower": False, "": None}[direction]
         return Column(column, label, unit, higher_is_better, digits, note.format(**COLUMN_DATA["parts"]))
-    entry = METRICS[column.removeprefix(AIF_PREFIX)]
+    prefix = kind_prefix(column)
+    entry = METRICS[column.removeprefix(prefix)]
     label, note = entry.label, entry.note
-    if column.startswith(AIF_PREFIX):
+    if prefix == AIF_PREFIX:
         label, note = f"all-in-focus {label}", f"{label} of a rendering without a lens against the all-in-focus image"
-    elif entry.needs == "images":
+    elif prefix:
+        as_psnr = {PHOTO_PREFIX: "photograph", ACROSS_PREFIX: "other aperture,"}[prefix]
+        label, note = f"{as_psnr} {label}", f"as {as_psnr} PSNR, over the whole image; {note}"
+    elif entry.needs in ("images", "weights"):
         note = f"of a rendering with the test view's true lens against its image with shallow depth of field; {note}"
     return Column(column, label, entry.unit, entry.higher_is_better, entry.digits, note)
 
@@ -84,7 +91,14 @@ _ADDABLE = tuple(
     for metric in METRICS.values()
     if metric.needs == "images" and prefix + metric.id not in SCORES
 )
-COLUMNS: dict[str, Column] = {column: _column(column) for column in (*SCORES, *_ADDABLE)}
+# Columns of metrics by a user's weights, which it adds where they are given.
+WEIGHTED = tuple(
+    prefix + metric.id
+    for prefix in ("", AIF_PREFIX, PHOTO_PREFIX, ACROSS_PREFIX)
+    for metric in METRICS.values()
+    if metric.needs == "weights"
+)
+COLUMNS: dict[str, Column] = {column: _column(column) for column in (*SCORES, *_ADDABLE, *WEIGHTED)}
 
 
 # ---- lenses as text ----

@@ -61,6 +61,11 @@ class Protocol:
         """Column ids of the all-in-focus metrics."""
         return tuple(AIF_PREFIX + metric for metric in self.all_in_focus)
 
+    @property
+    def image_columns(self) -> tuple[str, ...]:
+        """Column ids of scores of images, real photographs included."""
+        return *self.refocus_columns, *self.all_in_focus_columns, *self.photograph
+
     def as_data(self) -> dict[str, Any]:
         """The protocol as plain data, for the result."""
         return asdict(self)
@@ -102,6 +107,11 @@ PROTOCOLS: dict[str, Protocol] = {
         replace(PHOTOGRAPHS, id="across-apertures-v1", photograph=ACROSS_COLUMNS),
     )
 }
+
+
+def kind_prefix(column: str) -> str:
+    """The prefix of a score of images, which says what the images are; "" for refocused views."""
+    return next((one for one in (AIF_PREFIX, PHOTO_PREFIX, ACROSS_PREFIX) if column.startswith(one)), "")
 
 
 def arithmetic_mean(values: Sequence[float]) -> float:

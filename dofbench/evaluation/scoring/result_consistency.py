@@ -9,6 +9,7 @@ from itertools import pairwise
 from dofbench.core.errors import Status
 from dofbench.evaluation.metrics import METRICS
 from dofbench.evaluation.results.added_scores import Added
+from dofbench.evaluation.results.columns import WEIGHTED
 from dofbench.evaluation.results.protocol import (
     AIF_PREFIX,
     DEPTH_COLUMNS,
@@ -37,8 +38,10 @@ def added_inconsistencies(added: Added, result: Result) -> Iterator[str]:
         yield f"added scores of the key {added.key[:8]}…, the result's is {result.key[:8]}…"
     views = {view.name for view in result.views}
     for column, score in added.scores.items():
-        if column.removeprefix(AIF_PREFIX) not in METRICS:
+        if column.removeprefix(AIF_PREFIX) not in METRICS and column not in WEIGHTED:
             yield f"added {column}: no such metric"
+        if (column in WEIGHTED) != bool(score.weights):
+            yield f"added {column}: {'no sha256' if column in WEIGHTED else 'a sha256'} of weights"
         if column in result.scores:
             yield f"added {column}: the result itself has this score"
         if set(score.views) != views:
