@@ -36,7 +36,16 @@ State = Literal["frozen", "other budget", "changed", "not frozen"]
 
 # Options added after presets had been frozen, each with its neutral value: with it a run is what it was before
 # there was the option, so it isn't part of what was chosen.
-_NEUTRAL = {"lens_focus_from": "option"}
+_NEUTRAL: dict[str, Any] = {
+    "lens_focus_from": "option",
+    "restart_at": 0.0,
+    "depth_variation": 0.0,
+    "colour_variation": 0.0,
+    "mixing": "together",
+    "mixing_width": 16,
+    "focus_network": False,
+    "focus_network_lr": 1e-3,
+}
 
 
 class FrozenPreset(BaseModel):

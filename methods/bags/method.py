@@ -37,6 +37,16 @@ class ThreeScales(ScheduleOptions):
     coarse_until: float = 0.2
     """Train on shrunk photographs up to this share of the training. Unit: share of the training. Source: BAGS, step
     6000."""
+    restart_at: float = 0.0
+    """When the rate of the means begins again at its start, at the last scale; 0 for never. Unit: share of the
+    training. Source: BAGS, step 6000 to 18 000 of 10 000 to 58 000, scene by scene."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.restart_at < 1:
+            raise InputError("option restart_at", str(self.restart_at), "a share of 0 to below 1")
+
+    def rate_progress(self, progress: float) -> float:
+        return progress if progress < self.restart_at else (progress - self.restart_at) / (1 - self.restart_at)
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -62,10 +72,18 @@ class ProposalOptions:
     """Adam's learning rate of the network. Unit: parameter, a step. Source: BAGS."""
     proposal_cost: float = 1e-3
     """Weight of the mean of the mask in the loss. Unit: none. Source: BAGS."""
+    depth_variation: float = 0.0
+    """Weight in the loss of the variation of the sharp view's depth, which is scaled to 0 to 1. Unit: none. Source:
+    BAGS, 1e-3 in most scenes; 0: own."""
+    colour_variation: float = 0.0
+    """Weight in the loss of the variation of the sharp view. Unit: none. Source: BAGS, 1e-3 in most scenes; 0: own."""
 
     def __post_init__(self) -> None:
         if self.proposal_width < 1:
             raise InputError("option proposal_width", str(self.proposal_width), "at least 1")
+        for name in ("depth_variation", "colour_variation"):
+            if getattr(self, name) < 0:
+                raise InputError(f"option {name}", str(getattr(self, name)), "at least 0")
 
 
 class ProposedBlur(LearnedBlur):
@@ -98,9 +116,15 @@ class ProposedBlur(LearnedBlur):
         return self._mask * mixed + (1 - self._mask) * color
 
     def cost(self, sharp: SharpView, shot: Shot, view: ScaledView) -> Tensor:
-        """The weighted mean of the last mask."""
-        assert self._mask is not None
-        return self._options.proposal_cost * self._mask.mean()
+        """The weighted mean of the last mask, and the weighted variations of the sharp view and of its depth."""
+        assert self._mask is not None and sharp.raster.depth is not None
+        options = self._options
+        cost = options.proposal_cost * self._mask.mean()
+        if options.depth_variation > 0:
+            cost = cost + options.depth_variation * variation(_normalised(sharp.raster.depth)[..., None])
+        if options.colour_variation > 0:
+            cost = cost + options.colour_variation * variation(sharp.raster.color)
+        return cost
 
     def step(self, view: int, progress: float, cooldown: float) -> None:
         self._mask = None
@@ -137,9 +161,7 @@ class _ProposalNetwork(nn.Module):
         color: (H, W, 3). depth: (H, W), any unit.
         """
         height, width = depth.shape
-        nearest, farthest = depth.min(), depth.max()
-        normalised = (depth - nearest) / (farthest - nearest).clamp_min(1e-12)
-        picture = torch.cat([color, normalised[..., None]], 2).permute(2, 0, 1)[None]
+        picture = torch.cat([color, _normalised(depth)[..., None]], 2).permute(2, 0, 1)[None]
         features = self.picture(picture)[0].flatten(1).T
         inputs = torch.cat([_waves(height, width, depth.device), features], 1)
         hidden = rectified(self.base, inputs, self.photograph(self.embedding[number]))
@@ -151,6 +173,18 @@ class _ProposalNetwork(nn.Module):
         of_logits, of_mask = head.weight[:-1], head.weight[-1]
         logits, mask = hidden @ of_logits.T, torch.sigmoid(hidden @ of_mask)
         return logits.view(height, width, -1), mask.view(height, width)
+
+
+def variation(image: Tensor) -> Tensor:
+    """Twice the mean squared difference of vertical and of horizontal neighbours in an image (H, W, C), summed."""
+    down, across = image[1:] - image[:-1], image[:, 1:] - image[:, :-1]
+    return 2 * (down.square().mean() + across.square().mean())
+
+
+def _normalised(depth: Tensor) -> Tensor:
+    """(H, W): depth scaled to 0 at its least value and 1 at its largest."""
+    nearest, farthest = depth.min(), depth.max()
+    return (depth - nearest) / (farthest - nearest).clamp_min(1e-12)
 
 
 def _waves(height: int, width: int, device: torch.device) -> Tensor:

@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import torch
 from torch import Tensor, nn
 
+from dofbench.core.errors import InputError
 from dofbench.runtime.device_numbers import beside
 from dofbench.training.common.networks import NetworkAdam, in_a_row, redraw
 from dofbench.training.common.row_adam import RowAdam
@@ -24,7 +26,6 @@ from dofbench.training.gaussians.gaussian_method import LenslessMethod
 
 _MOST = 1.1  # the largest factor
 _BELOW = 0.01  # how far below e, whose logarithm is the least factor, an output of 0 is
-_MIXING_WIDTH = 16
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,16 @@ class CopiesOptions:
     """Share of it that is left at the end; it falls exponentially. Unit: none. Source: CoCoGaussian."""
     focus_lr: float = 1e-2
     """Adam's learning rate of the logarithms of the focuses. Unit: logarithm, a step. Source: own."""
+    mixing: Literal["together", "each"] = "together"
+    """What gives the weights by which scene and copies are mixed: together, a network that looks at all their views at
+    once; each, a network that looks at each view by itself, with instance normalisation. Unit: none. Source: each:
+    CoCoGaussian; together: own."""
+    mixing_width: int = 16
+    """Channels of that network. Unit: none. Source: own; 64 in CoCoGaussian."""
+
+    def __post_init__(self) -> None:
+        if self.mixing_width < 1:
+            raise InputError("option mixing_width", str(self.mixing_width), "at least 1")
 
 
 class CircleCopies(LearnedBlur):
@@ -55,13 +66,7 @@ class CircleCopies(LearnedBlur):
         count = options.copies
         # As for enlarged Gaussians, outputs begin where most factors are above the least and have a gradient.
         self._network = GaussianNetwork((3 * count, 7 * (count + 1)), (0.0, 1.0), origin, unit, generator)
-        last = nn.Conv2d(_MIXING_WIDTH, count + 1, 3, padding=1)
-        self._mixing = nn.Sequential(nn.Conv2d(3 * (count + 1), _MIXING_WIDTH, 3, padding=1), nn.ReLU(), last)
-        redraw(self._mixing, generator)
-        self._mixing.to(first.device)
-        with torch.no_grad():  # equal weights
-            for parameter in last.parameters():
-                parameter.zero_()
+        self._mixing = mixing_network(options, generator).to(first.device)
         parameters = [
             (f"{part}.{name}", parameter)
             for part, network in (("copies", self._network), ("mixing", self._mixing))
@@ -74,9 +79,11 @@ class CircleCopies(LearnedBlur):
         """Mix the scene and its copies pixel by pixel."""
         copies = self.copies(scene.gaussians.parameters, shot)
         views = torch.stack([scene.rasterise_with(shot.camera, changes) for changes in copies])
-        stacked = views.permute(0, 3, 1, 2).reshape(1, -1, *views.shape[1:3])
-        weights = torch.softmax(self._mixing(stacked.detach())[0], 0)
-        return (weights[..., None] * views).sum(0)
+        images = views.detach().permute(0, 3, 1, 2)
+        if self._options.mixing == "together":
+            images = images.reshape(1, -1, *images.shape[2:])
+        logits = self._mixing(images).view(views.shape[:3])
+        return (torch.softmax(logits, 0)[..., None] * views).sum(0)
 
     def copies(self, parameters: dict[str, Tensor], shot: Shot) -> list[dict[str, Tensor]]:
         """The changed parameters of the scene itself, whose means stay, and of each copy."""
@@ -114,6 +121,31 @@ class CircleCopies(LearnedBlur):
     def step(self, view: int, progress: float, cooldown: float) -> None:
         self._adam.step(progress, cooldown)
         self._focuses.step(view, self._options.focus_lr * cooldown)
+
+
+def mixing_network(options: CopiesOptions, generator: torch.Generator) -> nn.Module:
+    """The network from views to the logits of their weights: for `together` from all views as channels of one image,
+    with equal weights at first; for `each` from a batch of views."""
+    count, width = options.copies + 1, options.mixing_width
+    if options.mixing == "each":
+        network = nn.Sequential(
+            nn.Conv2d(3, width, 5, padding=2),
+            nn.ReLU(),
+            nn.InstanceNorm2d(width),
+            nn.Conv2d(width, width, 3, padding=1),
+            nn.ReLU(),
+            nn.InstanceNorm2d(width),
+            nn.Conv2d(width, 1, 3, padding=1, bias=False),
+        )
+        redraw(network, generator)
+        return network
+    last = nn.Conv2d(width, count, 3, padding=1)
+    network = nn.Sequential(nn.Conv2d(3 * count, width, 3, padding=1), nn.ReLU(), last)
+    redraw(network, generator)
+    with torch.no_grad():
+        for parameter in last.parameters():
+            parameter.zero_()
+    return network
 
 
 @dataclass(frozen=True)

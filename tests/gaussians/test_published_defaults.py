@@ -137,6 +137,13 @@ OTHER_OWN = {
     "view_blur_lr": 0.02,
     "in_focus_weight": 0.5,
     "in_focus_circle": 0.5,
+    # Parts that presets switch on, off where presets were fixed without them.
+    "restart_at": 0,
+    "depth_variation": 0,
+    "colour_variation": 0,
+    "mixing_width": 16,
+    "focus_network": False,
+    "focus_network_lr": 0.001,
 }
 
 

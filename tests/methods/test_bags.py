@@ -13,11 +13,16 @@ from blur_cases import (
     proposing,
     shot,
 )
+from small_scene import training_set
 from tolerances import FLOAT32_VALUE
 
-from dofbench.methods.bags.method import ProposedBlur, ThreeScales
+from dofbench.core.errors import InputError
+from dofbench.methods.bags.method import ProposedBlur, ProposedOptions, ThreeScales, variation
+from dofbench.training.common.monitor import StageClock
 from dofbench.training.common.views import ScaledView
 from dofbench.training.gaussians.forward_model import SharpView
+from dofbench.training.gaussians.training_state import TrainingState
+from dofbench.training.gaussians.training_step import take_step
 
 
 def fixed(blur: ProposedBlur, logit: float, neighbour: int, mask: float) -> ProposedBlur:
@@ -75,6 +80,55 @@ def test_the_network_of_proposals_learns_from_the_picture_and_tells_photographs_
     before = blur._network.heads["2"].weight.detach().clone()
     blur.step(1, 0.0, 1.0)
     assert not torch.equal(blur._network.heads["2"].weight, before) and blur.gradient() is None
+
+
+def test_the_variation_of_a_ramp_is_that_of_its_steps() -> None:
+    """Twice the mean squared steps down and across, here 3 and 1 in one channel of two."""
+    rows, columns = torch.meshgrid(torch.arange(4.0), torch.arange(5.0), indexing="ij")
+    image = torch.stack([3 * rows + columns, torch.zeros_like(rows)], 2)
+    assert float(variation(image)) == pytest.approx(2 * (9 + 1) / 2)
+
+
+@pytest.mark.parametrize(
+    ("option", "shown"),
+    [("colour_variation", lambda raster: raster.color), ("depth_variation", lambda raster: scaled(raster.depth))],
+)
+def test_a_varying_view_is_charged_for_it(option: str, shown) -> None:
+    """On top of the mask's cost, with a gradient to what varies."""
+    scene = one_gaussian(4.0)
+    raster = scene.rasterise(CAMERA, "depth")
+    view = ScaledView(0, "v", CAMERA, torch.zeros(36, 48, 3), None, None)
+    costs = []
+    for weight in (0.0, 3.0):
+        blur = fixed(proposing(192, **{option: weight}), 0.0, 0, 0.0)
+        blur.render(scene, SharpView(lambda: raster), shot())
+        costs.append(blur.cost(SharpView(lambda: raster), shot(), view))
+    expected = float(variation(shown(raster)).detach())
+    assert expected > 0
+    assert float((costs[1] - costs[0]).detach()) == pytest.approx(3 * expected, rel=FLOAT32_VALUE)
+
+
+def scaled(depth: torch.Tensor) -> torch.Tensor:
+    return ((depth - depth.min()) / (depth.max() - depth.min()))[..., None]
+
+
+def test_the_rate_of_the_means_begins_again() -> None:
+    """As of the last scale at 0.4: its share of the fall is then over what is left."""
+    options = {"restart_at": 0.4, "means_lr": 1e-2, "means_lr_final": 1e-4, "coarse_until": 0.0, "quarter_until": 0.0}
+    state = TrainingState(training_set(), ProposedOptions().with_overrides({**options, "lens": False}), 0)
+    view = ScaledView(0, "v0", state.cameras[0], torch.from_numpy(training_set().views[0].image), None, None)
+    rates = []
+    for step, progress in enumerate((0.0, 0.2, 0.4, 0.7, 1.0), 1):
+        take_step(state, step, progress, view, StageClock())
+        rates.append(state.optimiser.means_rate)
+    expected = [1.0, 0.01**0.2, 1.0, 0.1, 0.01]
+    assert [rate / rates[0] for rate in rates] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("options", [{"restart_at": 1.0}, {"depth_variation": -1.0}, {"colour_variation": -1.0}])
+def test_parts_of_bags_have_their_bounds(options: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=f"^option {next(iter(options))}: "):
+        ProposedOptions().with_overrides(options)
 
 
 def test_three_scales() -> None:

@@ -17,7 +17,7 @@ from blur_cases import (
 from made_up import cloud, frontal
 from tolerances import ADAM_FIRST_STEP, FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_VALUE
 
-from dofbench.methods.cocogaussian.method import CircleCopies, CopiedOptions
+from dofbench.methods.cocogaussian.method import CircleCopies, CopiedOptions, CopiesOptions, mixing_network
 from dofbench.training.gaussians.forward_model import BlurStart
 from dofbench.training.gaussians.model import Gaussians
 
@@ -59,6 +59,33 @@ def test_copies_are_mixed_evenly_at_first() -> None:
     expected = torch.stack(views).mean(dim=0).detach()
     found = blur.render(scene, no_view(), shot()).detach()
     np.testing.assert_allclose(found.numpy(), expected.numpy(), atol=FLOAT32_VALUE)
+
+
+def test_each_view_gets_its_weight_by_itself() -> None:
+    """The published mixing: views in another order have their weights in that order, and equal views equal ones."""
+    network = mixing_network(CopiesOptions(copies=2, mixing="each"), torch.Generator().manual_seed(0))
+    views = torch.rand(3, 3, 12, 16, generator=torch.Generator().manual_seed(1))
+    views[2] = views[0]
+    logits, moved = network(views), network(views[[1, 0, 2]])
+    assert logits.shape == (3, 1, 12, 16)
+    torch.testing.assert_close(moved, logits[[1, 0, 2]], atol=FLOAT32_VALUE, rtol=FLOAT32_VALUE)
+    torch.testing.assert_close(logits[2], logits[0], atol=FLOAT32_VALUE, rtol=FLOAT32_VALUE)
+    assert float((logits[1] - logits[0]).abs().max().detach()) > 0.01
+
+
+def test_a_mixture_by_single_views_is_a_mean_of_them_and_learns() -> None:
+    """Weights are at least 0 with sum 1: the mixture lies between the darkest and the brightest view of a pixel."""
+    scene, blur = one_gaussian(2.0), copying(8.0, mixing="each")
+    views = [scene.rasterise_with(CAMERA, changes) for changes in blur.copies(scene.gaussians.parameters, shot())]
+    stacked = torch.stack(views).detach()
+    found = blur.render(scene, no_view(), shot())
+    assert bool((found >= stacked.amin(0) - FLOAT32_VALUE).all() and (found <= stacked.amax(0) + FLOAT32_VALUE).all())
+    found.square().sum().backward()
+    weight = blur._mixing[0].weight
+    assert float(weight.grad.abs().sum()) > 0
+    before = weight.detach().clone()
+    blur.step(0, 0.0, 1.0)
+    assert not torch.equal(weight, before)
 
 
 def test_focus_and_networks_of_copies_learn() -> None:

@@ -53,6 +53,10 @@ class ScheduleOptions:
             return 1.0
         return 1.0 - (1.0 - self.cooldown_to) * (progress - self.cooldown_from) / (1.0 - self.cooldown_from)
 
+    def rate_progress(self, progress: float) -> float:
+        """How far the fall of the means' rate is at `progress`; both 0 to 1."""
+        return progress
+
     @property
     def sizes(self) -> tuple[int, ...]:
         """The factors by which views are shrunk in the course of the training; 1 is full size."""

@@ -177,8 +177,9 @@ def _check_gradients(state: TrainingState, place: Place) -> None:
 
 
 def _update(state: TrainingState, progress: float, view: ScaledView) -> None:
-    cooldown = state.options.schedule.cooldown(progress)
-    state.optimiser.step(progress, cooldown, found_inf=state.watch.found)
+    schedule = state.options.schedule
+    cooldown = schedule.cooldown(progress)
+    state.optimiser.step(schedule.rate_progress(progress), cooldown, found_inf=state.watch.found)
     for learned in state.learned().values():
         learned.step(view.index, progress, cooldown)
 
