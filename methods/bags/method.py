@@ -74,9 +74,10 @@ class ProposalOptions:
     """Weight of the mean of the mask in the loss. Unit: none. Source: BAGS."""
     depth_variation: float = 0.0
     """Weight in the loss of the variation of the sharp view's depth, which is scaled to 0 to 1. Unit: none. Source:
-    BAGS, 1e-3 in most scenes; 0: own."""
+    BAGS, 1e-3 or 1e-2 in six of its ten scenes; 0: own."""
     colour_variation: float = 0.0
-    """Weight in the loss of the variation of the sharp view. Unit: none. Source: BAGS, 1e-3 in most scenes; 0: own."""
+    """Weight in the loss of the variation of the sharp view. Unit: none. Source: BAGS, 1e-3 or 1e-2 in four of its ten
+    scenes; 0: own."""
 
     def __post_init__(self) -> None:
         if self.proposal_width < 1:
