@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
@@ -11,6 +11,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
+from dofbench.core.cameras import Camera
 from dofbench.runtime.raster import ViewStatistics
 from dofbench.training.gaussians.model import PARAMETERS, Gaussians
 from dofbench.training.gaussians.optimiser import GaussianOptimiser
@@ -78,6 +79,9 @@ class DensityOptions:
     prune_depth_graded: bool = False
     """Whether prune_opacity is divided by 1 for the nearest Gaussian to 3 for the farthest. Unit: none. Source:
     released code."""
+    prune_near: float = 0.0
+    """Distance within which a Gaussian that one training view alone sees is removed, at any time: no other view tells
+    how far it is. 0 for never. Unit: distance of the nearest sparse points. Source: own."""
     reset_every: float = 0.1
     """How often all opacities are reset; 0 for never. Unit: share of the training. Source: 3DGS."""
     reset_filtered: bool = False
@@ -91,7 +95,11 @@ class DensityOptions:
 
 
 class DensityControl:
-    """Accumulates screen-space gradients and, when due, clones, splits, prunes and resets. pace: when it is due."""
+    """Accumulates screen-space gradients and, when due, clones, splits, prunes and resets. pace: when it is due.
+    cameras: of the training views, at any size. nearest: distance of the nearest sparse points, scene units."""
+
+    cameras: Sequence[Camera] = ()
+    nearest: float = 0.0
 
     def __init__(
         self,
@@ -143,12 +151,14 @@ class DensityControl:
             self._next_reset += options.reset_every
             if progress > options.densify_from:  # as in the released code: no reset before densification begins
                 self._reset_opacity()
-        if not due or not options.densify_from <= progress < options.densify_until:
+        if not due:
             return False
-        pruned = options.largest_kept if 0 < options.reset_every < progress else math.inf
-        self._grow_and_prune(pruned * self._extent)
-        self._clear()
-        return True
+        grows = options.densify_from <= progress < options.densify_until
+        if grows:
+            pruned = options.largest_kept if 0 < options.reset_every < progress else math.inf
+            self._grow_and_prune(pruned * self._extent)
+            self._clear()
+        return self._remove_floaters() or grows
 
     @torch.no_grad()
     def _grow_and_prune(self, largest: float) -> None:
@@ -189,6 +199,19 @@ class DensityControl:
         added = {name: torch.cat([cloned[name], children[name]]) for name in PARAMETERS}
         kept = torch.nonzero(~(transparent | huge | split))[:, 0]
         self._optimiser.rebuild(kept, added)
+
+    @torch.no_grad()
+    def _remove_floaters(self) -> bool:
+        """Remove the Gaussians near one view that no other sees; True if there were some."""
+        if self._options.prune_near == 0:
+            return False
+        floaters = self._gaussians.floaters(self.cameras, self._options.prune_near * self.nearest)
+        if not floaters.any():
+            return False
+        kept = torch.nonzero(~floaters)[:, 0]
+        self._optimiser.rebuild(kept, {name: value.detach()[:0] for name, value in self._gaussians.parameters.items()})
+        self._gradient_sum, self._visits = self._gradient_sum[kept], self._visits[kept]
+        return True
 
     def _children(self, parents: dict[str, Tensor]) -> dict[str, Tensor]:
         """Two children of each parent, their means drawn from the parent's distribution."""

@@ -98,12 +98,7 @@ class Gaussians:
         means = self.parameters["means"].detach()
         finest = means.new_full((len(means),), math.inf)
         for camera in cameras:
-            world_to_camera = beside(means, camera.world_to_camera)
-            local = means @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]
-            depth = local[:, 2]
-            u, v = camera.pixels(local[:, 0], local[:, 1], depth)
-            w, h = camera.width, camera.height
-            seen = (depth > self.near) & (u > -0.15 * w) & (u < 1.15 * w) & (v > -0.15 * h) & (v < 1.15 * h)
+            seen, depth = self._seen(camera)
             size = depth / max(camera.fx, camera.fy) * math.sqrt(FILTER_3D_VARIANCE)
             finest = torch.where(seen, torch.minimum(finest, size), finest)
         # One more number, so that there is a maximum without any Gaussians.
@@ -112,6 +107,28 @@ class Gaussians:
         if math.isinf(float(largest)):
             raise InputError("cameras", "no Gaussian in front of any of them", "cameras that see the points")
         self.filter_3d = torch.minimum(finest, largest)
+
+    @torch.no_grad()
+    def floaters(self, cameras: Sequence[Camera], within: float) -> Tensor:
+        """(N,) bool: the Gaussians that one of these cameras alone sees, as for the 3D filter, nearer than `within`,
+        scene units."""
+        counts = torch.zeros(len(self), dtype=torch.int64, device=self.parameters["means"].device)
+        near = counts > 0
+        for camera in cameras:
+            seen, depth = self._seen(camera)
+            counts += seen
+            near |= seen & (depth < within)
+        return (counts == 1) & near
+
+    def _seen(self, camera: Camera) -> tuple[Tensor, Tensor]:
+        """(N,) bool and (N,): whether a camera sees each Gaussian, and its z in the camera's frame, scene units."""
+        means = self.parameters["means"].detach()
+        world_to_camera = beside(means, camera.world_to_camera)
+        local = means @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]
+        depth = local[:, 2]
+        u, v = camera.pixels(local[:, 0], local[:, 1], depth)
+        w, h = camera.width, camera.height
+        return (depth > self.near) & (u > -0.15 * w) & (u < 1.15 * w) & (v > -0.15 * h) & (v < 1.15 * h), depth
 
     def save(self, path: Path) -> None:
         """Write all parameters bit for bit as a compressed NumPy archive, atomically."""

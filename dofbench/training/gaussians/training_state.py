@@ -85,6 +85,8 @@ class TrainingState:
         options = self.options
         self.optimiser = GaussianOptimiser(self.gaussians, options.rates, self._extent)
         self.density = options.density_control(self.gaussians, self.optimiser, self._extent, self.generator)
+        self.density.cameras = [view.camera for view in self._views]
+        self.density.nearest = 1 / self.range.q_max
 
     def start_from(self, points: PointCloud) -> None:
         """Start again from these points. The object `gaussians` stays the same, since other objects refer to it."""
