@@ -110,3 +110,24 @@ def test_steps_of_checks_count_and_their_time_does_not() -> None:
     clock[0] += 1.0
     # Fifty seconds are left for the last seventy hundredths.
     assert pace.progress(31) == pytest.approx(0.3 + 0.7 / 50, rel=FLOAT64_VALUE)
+
+
+@pytest.mark.parametrize("budget", [Budget(steps=100), Budget(seconds=100.0), Budget(steps=100, seconds=1000.0)])
+def test_a_training_can_end_before_its_budget(budget: Budget) -> None:
+    pace, clock = Pace(budget, 100, lambda: clock[0]), [0.0]
+    pace.plan([], lambda share: 1.0)
+    for step in range(1, 41):
+        clock[0] += 1.0
+        pace.progress(step)
+    pace.end(0.8, 40, 10)
+    shares = [pace.progress(step) for step in range(40, 51)]
+    assert shares == pytest.approx([0.8 + 0.02 * step for step in range(11)], rel=FLOAT64_VALUE)
+
+
+def test_the_end_keeps_to_the_budget() -> None:
+    pace, clock = Pace(Budget(steps=45, seconds=100.0), 100, lambda: clock[0]), [0.0]
+    pace.end(0.8, 40, 10)
+    assert pace.progress(44) < 1 <= pace.progress(45)
+    assert pace.progress(41) < 1
+    clock[0] = 100.0
+    assert pace.progress(41) >= 1

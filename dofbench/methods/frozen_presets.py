@@ -38,6 +38,7 @@ State = Literal["frozen", "other budget", "changed", "not frozen"]
 # there was the option, so it isn't part of what was chosen.
 _NEUTRAL: dict[str, Any] = {
     "lens_focus_from": "option",
+    "patience": 0.0,
     "prune_near": 0.0,
     "restart_at": 0.0,
     "depth_variation": 0.0,

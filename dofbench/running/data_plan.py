@@ -194,15 +194,10 @@ class _Trials:
 
 
 def revised(plan: dict[str, Any], decisions: Sequence[Decision]) -> dict[str, Any]:
-    """The plan, as plain data, with the decisions of the training in place of those before it."""
-    found = {decision.stage: decision for decision in decisions}
-    stages = [
-        {**stage, "runs": found[stage["name"]].runs, "reason": found[stage["name"]].reason}
-        if stage["name"] in found
-        else stage
-        for stage in plan["stages"]
-    ]
-    return {**plan, "stages": stages}
+    """The plan, as plain data, with the decisions of the training in place of those before it, and new ones added."""
+    stages = {stage["name"]: stage for stage in plan["stages"]}
+    stages |= {one.stage: {"name": one.stage, "runs": one.runs, "reason": one.reason} for one in decisions}
+    return {**plan, "stages": list(stages.values())}
 
 
 def decided(before: Sequence[Stage], plan: dict[str, Any]) -> list[str]:

@@ -175,6 +175,8 @@ def test_what_training_decided_replaces_what_the_plan_left_open(plan) -> None:
     stages = {stage["name"]: stage for stage in after["stages"]}
     assert stages["lens"] == {"name": "lens", "runs": False, "reason": "tried: nothing gained"}
     assert stages["lens_per_view"] in data["stages"] and len(stages) == len(data["stages"])
+    more = revised(data, [Decision("early_stopping", True, "kept step 9")])["stages"]
+    assert more == [*data["stages"], {"name": "early_stopping", "runs": True, "reason": "kept step 9"}]
 
 
 def test_harmonics_are_left_out_of_a_scene_that_looks_alike_from_everywhere(plan) -> None:

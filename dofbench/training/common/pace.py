@@ -38,6 +38,7 @@ class Pace:
         self._starts: Sequence[float] = ()
         self._probe: Probe | None = None
         self._again: list[float] = []
+        self._ending: tuple[float, int, int] | None = None  # share and step at which it began, and its steps
 
     def plan(self, starts: Sequence[float], probe: Probe, *, again: bool = True) -> None:
         """Plan what is left of the training. starts: shares at which a step's cost may change. probe: times a step.
@@ -82,6 +83,11 @@ class Pace:
     def progress(self, step: int) -> float:
         """The share of the training that is over after `step`; 1 or more when the budget is spent."""
         budget = self._budget
+        if self._ending is not None:
+            share, start, steps = self._ending
+            spent = budget.seconds is not None and self._seconds() >= budget.seconds
+            over = spent or step == budget.steps or step >= start + steps
+            return 1.0 if over else share + (1 - share) * (step - start) / steps
         if budget.seconds is None:
             return step / (budget.steps or self._preset)
         now, taken = self._seconds(), step - self._step
@@ -104,6 +110,10 @@ class Pace:
         taken = step - self._step
         self._share = min(_LAST, self._share + taken / self._steps_in_all(self._step, self._now))
         self._step, self._now = step, self._seconds()
+
+    def end(self, share: float, step: int, steps: int) -> None:
+        """Go on at `share` of the training after `step`, and end after `steps` more, or when the budget is spent."""
+        self._ending = share, step, steps
 
     def _follow(self, seconds: float, taken: int) -> None:
         """Update the pace by what the last steps took, each `seconds`."""

@@ -149,6 +149,13 @@ class GaussianMethod:
         self._trainer, self._renderer = None, LensRenderer(self._gaussians, self._options)
 
     @property
+    def trainer(self) -> Trainer:
+        """The trainer, during `fit` and after it. Raises RuntimeError for a model that was loaded."""
+        if self._trainer is None:
+            raise RuntimeError("the method isn't trained here: call fit first")
+        return self._trainer
+
+    @property
     def renderer(self) -> LensRenderer:
         """The renderer of the model, which also gives tensors on its device."""
         return self._renderer or LensRenderer(self.gaussians, self.options)

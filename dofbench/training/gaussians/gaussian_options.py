@@ -16,6 +16,7 @@ from dofbench.training.common.photograph_colours import ColourOptions
 from dofbench.training.common.priors import PriorOptions
 from dofbench.training.common.views import OutlierOptions
 from dofbench.training.gaussians.density import DensityControl, DensityOptions
+from dofbench.training.gaussians.early_stopping import StoppingOptions
 from dofbench.training.gaussians.forward_model import BlurOptions, BlurStart, LearnedBlur
 from dofbench.training.gaussians.lens_models import ForwardSchedule, SamplesOptions, ScatterOptions, training_models
 from dofbench.training.gaussians.model import Gaussians
@@ -98,6 +99,7 @@ class GaussianOptions(OptionGroups):
     rates: RateOptions = RateOptions()
     density: DensityOptions = DensityOptions()
     reconstruction: ReconstructionOptions = ReconstructionOptions()
+    stopping: StoppingOptions = StoppingOptions()
     outliers: OutlierOptions = OutlierOptions()
     colours: ColourOptions = ColourOptions()
     lens: LensOptions = LensOptions()
@@ -116,6 +118,8 @@ class GaussianOptions(OptionGroups):
             raise InputError("option lens_blades", f"{self.scatter.lens_blades} with lens_model=samples", "0: a disc")
         if self.density.reset_filtered and not self.appearance.filter_3d:
             raise InputError("option reset_filtered", "true with filter_3d=false", "false: there is no filter")
+        if self.stopping.patience > 0 and self.reconstruction.held_back == 0:
+            raise InputError("option patience", f"{self.stopping.patience:g} with held_back=0", "held_back above 0")
 
     def forward_models(self) -> ForwardSchedule:
         """The forward models of a training, if no other blur is learned."""

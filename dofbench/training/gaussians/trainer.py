@@ -25,6 +25,7 @@ from dofbench.training.common.pace import Pace
 from dofbench.training.common.photograph_colours import LearnedColours
 from dofbench.training.common.priors import Prior, make_prior, with_surface_points
 from dofbench.training.common.views import ScaledView, scaled_views
+from dofbench.training.gaussians.early_stopping import Best, EarlyStopping
 from dofbench.training.gaussians.forward_model import SharpView, Shot
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.lens_renderer import LensRenderer, StillRasteriser, foci_apart, widest_circle
@@ -52,6 +53,7 @@ class Trainer:
         self._reported = ReportedLoss(self.state.watch)
         self._clock = StageClock()
         self._trials = Trials(self, options)
+        self._stopping = EarlyStopping(options.stopping, options.schedule.cooldown_from, len(self.views))
         self._prior: Prior | None = None
         self._scaled: dict[int, list[ScaledView]] = {}
 
@@ -107,10 +109,14 @@ class Trainer:
                 else:
                     self._next(step, progress)
                     step += 1
+                if self._stopping.active:
+                    self._stop_early(step, pace)
                 assert self.state.loss is not None
                 if not observer.after_step(step, self._reported.after(step, self.state.loss)):
                     break
             self.state.watch.look()
+            if self._stopping.active:
+                self._keep_best(step)
         except NonFiniteError as error:
             event = error.event
             step = max(step, event.step)  # the step that failed counts as taken, in a trial too
@@ -159,12 +165,37 @@ class Trainer:
         start = time.perf_counter()
         began, limit = observer.seconds(), math.inf if budget.seconds is None else MOST_TIME * budget.seconds
         total = round(step / progress)  # at the pace so far; by then a limited time may allow fewer than were planned
-        step, self.decisions = self._trials.decide(
+        step, decisions = self._trials.decide(
             step, total, progress, observer.stage, lambda: limit - (observer.seconds() - began)
         )
+        self.decisions += decisions
         self.stages["trials"] = time.perf_counter() - start
         self._scaled = self._scale_views()
         return step
+
+    def _stop_early(self, step: int, pace: Pace) -> None:
+        """Score the state after `step` if it is due. If training is to stop, return to the best state, for the cooldown
+        or the end."""
+        stopping, progress = self._stopping, pace.progress(step)
+        # Before the trials options may still change.
+        if self._trials.open or not stopping.due(step, progress):
+            return
+        self.state.watch.look()
+        with self._clock.timed("held-out score"):
+            stopping.scored(step, progress, self.held_out_scores().ssim, self.snapshot)
+        if stopping.stopped is not None and stopping.best is not None:
+            self.restore(stopping.best.state)
+            pace.end(self.options.schedule.cooldown_from, step, stopping.cooldown_steps())
+
+    def _keep_best(self, step: int) -> None:
+        """Score the last state, and return to the best one if that is another."""
+        best = self._stopping.best
+        with self._clock.timed("held-out score"):
+            last = Best(step, self.held_out_scores().ssim, None)
+        if best is not None and not last.ssim > best.ssim:
+            self.restore(best.state)
+            last = best
+        self.decisions.append(self._stopping.decision(last, step))
 
     def _too_many(self, step: int, error: torch.OutOfMemoryError) -> str:
         count = len(self.gaussians)
