@@ -104,9 +104,14 @@ class LocalisedBlur(LearnedBlur):
         return image
 
     def mask(self, sharp: SharpView, shot: Shot, view: ScaledView) -> Tensor:
-        """(H, W): how much the photograph is in focus, 0 to 1; the network alone gets a gradient."""
+        """(H, W): how much the photograph just rendered is in focus, 0 to 1; the network alone gets a gradient.
+
+        Held-out pixels have the rendered colour.
+        """
+        assert self._blurred is not None
         circles = shot.circles(sharp.disparity.detach()).log1p()
-        inputs = torch.cat([circles[..., None], view.image], 2).permute(2, 0, 1)[None]
+        seen = without_held_out(view.image, self._blurred, view.held_back)
+        inputs = torch.cat([circles[..., None], seen], 2).permute(2, 0, 1)[None]
         return torch.sigmoid(self._network(inputs)[0, 0])
 
     def cost(self, sharp: SharpView, shot: Shot, view: ScaledView) -> Tensor:

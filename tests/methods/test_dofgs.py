@@ -92,8 +92,23 @@ def test_the_network_learns_whether_the_sharp_view_fits(focused: bool) -> None:
         model.render(scene, sharp, lens)
         model.cost(sharp, lens, view).backward()
         model.step(0, 0.0, 1.0)
+    model.render(scene, sharp, lens)
     mask = float(model.mask(sharp, lens, view).detach()[differs].mean())
     assert mask > 0.9 if focused else mask < 0.1
+
+
+def test_held_out_pixels_do_not_reach_the_network() -> None:
+    scene, model = one_gaussian(4.0), localising()
+    raster, lens = scene.rasterise(CAMERA, "depth"), shot(0, 2.0, 0.0)
+    sharp, held = SharpView(lambda: raster), torch.zeros(36, 48, dtype=torch.bool)
+    held[10:20, 10:20] = True
+    images = [torch.full((36, 48, 3), 0.25), torch.full((36, 48, 3), 0.25)]
+    images[1][held] = 0.75
+    model.render(scene, sharp, lens)
+    masks = [model.mask(sharp, lens, ScaledView(0, "v", CAMERA, image, None, held)) for image in images]
+    assert torch.equal(*masks)
+    seen = model.mask(sharp, lens, ScaledView(0, "v", CAMERA, images[1], None, None))
+    assert not torch.equal(seen, masks[1])
 
 
 def test_dof_gs_trains_with_the_network() -> None:
