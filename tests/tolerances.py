@@ -205,9 +205,8 @@ DRAWN_PIXEL = 1e-6
 # An affine map of colours fitted by normal equations in float64: squares lose half of the digits,
 # float32 pictures more.
 COLOUR_UNDONE = 1e-6
-# A lens fitted to half of a photograph of 96 x 80 pixels by some twenty renderings: the simplex ends where a hundredth
-# of a pixel in the circles is left, of circles of 3 px.
-FITTED_APERTURE = 0.05
+# A focus fitted to half of a photograph of 96 x 80 pixels by some twenty renderings: the search ends where a tenth of a
+# pixel in the circles is left, of circles of 3 px.
 FITTED_FOCUS = 0.02  # 1 / scene unit, of a range of 0.6
 # Logarithm of a photograph's factor by medians over some 150 points that it shares, with 1 % noise and up to a fifth of
 # the points wrong.
@@ -224,14 +223,10 @@ MOTION_ROTATION_DEG, MOTION_BASELINE, MOTION_FOCAL = 0.3, 0.05, 0.05
 TRIANGULATED_DEPTH = 0.02
 # A shared lens of A and F of 0.2 and more, with the floor of 1e-5 added twice, relative: 1e-4; and float32.
 LENS_FLOOR = 2e-4
-# An even blur stands for a focus far away: a slope of 1e-6 of the width beside circles of 1e-2 of it, relative: 1e-4.
-EVEN_BLUR = 1e-3
 # PSNR in dB of a constant error of 0.1 in float32 pictures, whose rounding of 1e-7 is 1e-5 dB.
 PSNR_OF_FLOAT32 = 1e-4
 # An aperture found by a shortened search, or by the median of others: exact enough to distinguish it from wrong ones.
 ROUGH_APERTURE = 0.2
-# Standard deviation of one Gaussian blur, pixels, fitted to half of a photograph blurred by 1.7.
-FITTED_SIGMA = 0.1
 # How far a step moves a learned number of order 1 in float32: number and result are rounded, by at most 2^-24 each.
 LEARNED_STEP = 2.0**-23
 # Standard deviation of 4000 drawn numbers: its relative standard error is 1 / sqrt(2 n), and four of them.

@@ -77,9 +77,9 @@ LAYOUTS = (
     _layout(
         "photographs",
         "Photographs of unknown lens",
-        "Held-out photographs, rendered with a lens (methods without one: a Gaussian blur) and colours fitted on half "
-        "of each, scored on the other half.",
-        "photo_psnr photo_ssim photo_blur_psnr",
+        "Held-out photographs, rendered with the learned aperture (methods without one: all in focus), focus and "
+        "colours fitted on half of each, scored on the other half.",
+        "photo_psnr photo_ssim photo_sharp_psnr photo_sharp_ssim",
         "photo_psnr photo_ssim",
     ),
     _layout(

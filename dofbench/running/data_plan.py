@@ -13,11 +13,11 @@ from dofbench.core.errors import InputError
 from dofbench.datasets.format.benchmark_dataset import BenchmarkDataset
 from dofbench.datasets.format.points_record import PointsRecord, points_in_words
 from dofbench.evaluation.results.protocol import (
-    BY_BLUR,
     EXIF_COLUMNS,
     EXIF_FOCUS_COLUMNS,
     LENS_COLUMNS,
     OF_LENSES,
+    WITHOUT_LENS,
     Protocol,
 )
 from dofbench.evaluation.scoring.exif_scores import asked_by_exif, missing_exif, missing_exif_focus
@@ -272,14 +272,14 @@ def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], missi
         lens = missing.lens
     else:
         lens = f"lens disabled: {no_lens}" if no_lens else ""
-    blur = ""
+    lensless = ""
     if not capabilities.refocus:
-        blur = f"{BY_BLUR}: the method has no lens"
+        lensless = f"{WITHOUT_LENS}: the method has no lens"
     elif no_lens:
-        blur = f"{BY_BLUR}: lens disabled: {no_lens}"
+        lensless = f"{WITHOUT_LENS}: lens disabled: {no_lens}"
     no_depth = "" if capabilities.depth else "the method renders no depth"
     reasons = (
-        (tuple(column for column in protocol.photograph if column in OF_LENSES), blur),
+        (tuple(column for column in protocol.photograph if column in OF_LENSES), lensless),
         (protocol.refocus_columns, refocus),
         (protocol.all_in_focus_columns, missing.all_in_focus),
         (LENS_COLUMNS, lens),

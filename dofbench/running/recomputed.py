@@ -1,8 +1,8 @@
 """Scores of a result computed again from its dataset and the pictures and lenses that it kept, and compared.
 
-Not computed again: what needs the trained model (depth errors, `resolved`, predictions by one Gaussian blur, by the
-unscaled aperture and in focus) or a user's weights (LPIPS), for which there is `dofbench score`, and what was measured
-once (times, memory, speed).
+Not computed again: what needs the trained model (depth errors, `resolved`, predictions without a lens and by the
+unscaled aperture) or a user's weights (LPIPS), for which there is `dofbench score`, and what was measured once (times,
+memory, speed).
 """
 
 from __future__ import annotations
@@ -19,10 +19,17 @@ from dofbench.datasets.format.dataset import Dataset, DatasetView
 from dofbench.evaluation.metrics import METRICS, score_image
 from dofbench.evaluation.metrics.lens_errors import do_nothing_errors, lens_errors
 from dofbench.evaluation.results.added_scores import read_added
-from dofbench.evaluation.results.protocol import ACROSS_COLUMNS, LENS_COLUMNS
+from dofbench.evaluation.results.protocol import ACROSS_COLUMNS, LENS_COLUMNS, scores_both_halves
 from dofbench.evaluation.results.result import Result
 from dofbench.evaluation.scoring.evaluate import CURVE_METRICS, PREFIX, WHOLE, Kind, true_depth
-from dofbench.evaluation.scoring.photograph_scores import BLURRED, CLEAR, blurred_thirds, picture_scores
+from dofbench.evaluation.scoring.photograph_scores import (
+    BLURRED,
+    CLEAR,
+    blurred_thirds,
+    picture_scores,
+    scored_mask,
+    scored_tiles,
+)
 from dofbench.evaluation.scoring.photographs.image_tiles import masked_psnr
 from dofbench.running.load_run import LoadedRun
 
@@ -71,7 +78,7 @@ def _images(run: LoadedRun, dataset: Dataset) -> Iterator[str]:
             **{column: score.views[scored.name] for column, score in later if scored.name in score.views},
         }
         if thirds is None and any(column in stored for column in _STRATA):
-            thirds = blurred_thirds(dataset)
+            thirds = blurred_thirds(dataset, both=scores_both_halves(run.result.spec.protocol))
         again = _scores_again(run, dataset, test[scored.name], stored, thirds or {})
         for column, value in again.items():
             if not _agrees(column, stored[column], value):
@@ -100,10 +107,14 @@ def _scores_again(
             scores = score_image(picture, truth, [column.removeprefix(prefix) for column in own], dataset.mask(view))
             again |= {prefix + metric: float(value) for metric, value in scores.items()}
             continue
-        scores = picture_scores(picture, truth, prefix, dataset.mask(view))
+        scores = picture_scores(
+            picture, truth, prefix, scored_tiles(dataset, view, both=scores_both_halves(run.result.spec.protocol))
+        )
         if view.name in thirds:
             scores |= {column: masked_psnr(picture, truth, thirds[view.name] == of) for column, of in _STRATA.items()}
         again |= {column: value for column, value in scores.items() if column in own}
+    if "photo_covered" in stored:
+        again["photo_covered"] = scored_mask(dataset, view)[1] or 0.0
     return again
 
 

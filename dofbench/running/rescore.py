@@ -26,11 +26,19 @@ from dofbench.evaluation.metrics import METRICS, score_image
 from dofbench.evaluation.results import provenance
 from dofbench.evaluation.results.added_scores import ADDED_VERSION, Added, AddedScore, read_added, write_added
 from dofbench.evaluation.results.columns import WEIGHTED
-from dofbench.evaluation.results.protocol import AIF_PREFIX, DEPTH_COLUMNS, PROTOCOLS, arithmetic_mean, kind_prefix
+from dofbench.evaluation.results.protocol import (
+    AIF_PREFIX,
+    DEPTH_COLUMNS,
+    PROTOCOLS,
+    arithmetic_mean,
+    kind_prefix,
+    scores_both_halves,
+)
 from dofbench.evaluation.results.result import RESULT_FILE, Result
 from dofbench.evaluation.results.run_lease import run_lease
-from dofbench.evaluation.scoring.evaluate import PREFIX, Kind, depth_scores, true_depth
+from dofbench.evaluation.scoring.evaluate import PREFIX, WHOLE, Kind, depth_scores, true_depth
 from dofbench.evaluation.scoring.ground_truth import missing_truth
+from dofbench.evaluation.scoring.photograph_scores import scored_mask
 from dofbench.methods.cards import find_method
 from dofbench.running.load_run import LoadedRun, load_run
 
@@ -216,7 +224,8 @@ def _of_pictures(run: LoadedRun, kind: Kind, columns: list[str], lpips: Lpips | 
     for view in run.dataset.test_views():
         picture, truth = read_image(run.prediction(kind, view.name)), read(view)
         assert truth is not None
-        mask = run.dataset.mask(view)
+        both = kind in WHOLE or scores_both_halves(run.result.spec.protocol)
+        mask = run.dataset.mask(view) if both else scored_mask(run.dataset, view)[0]
         scores = score_image(picture, truth, metrics, mask)
         if lpips and prefix + lpips.id in columns:
             scores[lpips.id] = lpips(picture, truth, mask)

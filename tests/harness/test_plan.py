@@ -14,7 +14,14 @@ from dofbench.core.errors import InputError
 from dofbench.core.files import canonical_json
 from dofbench.datasets.format.dataset import Dataset
 from dofbench.evaluation.results.columns import lens_words
-from dofbench.evaluation.results.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS, protocol_for
+from dofbench.evaluation.results.protocol import (
+    ACROSS_COLUMNS,
+    DEPTH_COLUMNS,
+    LENS_COLUMNS,
+    PHOTOGRAPH_COLUMNS,
+    PROTOCOLS,
+    protocol_for,
+)
 from dofbench.methods.cards import find_method
 from dofbench.methods.stages.facts import Facts
 from dofbench.running.data_plan import DataPlan, Stage, decided, plan_for_data, revised
@@ -297,8 +304,9 @@ def test_a_plan_is_plain_data_and_text(plan) -> None:
 
 
 def test_every_protocol_is_found_by_its_inputs() -> None:
-    newest = {protocol_for(protocol.inputs, photographs=protocol.photograph).id for protocol in PROTOCOLS.values()}
-    assert newest == {"refocus-v3", "sharp-inputs-v3", "photographs-v1", "across-apertures-v1"}
+    newest = {protocol_for(inputs).id for inputs in ("shallow", "all-in-focus")}
+    newest |= {protocol_for("shallow", photographs=columns).id for columns in (PHOTOGRAPH_COLUMNS, ACROSS_COLUMNS)}
+    assert newest == {"refocus-v3", "sharp-inputs-v3", "photographs-v2", "across-apertures-v2"}
     assert newest < set(PROTOCOLS)  # the older ones are still known
     with pytest.raises(InputError, match="inputs"):
         protocol_for("blurry")

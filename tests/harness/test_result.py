@@ -39,7 +39,7 @@ def make_spec(**changes) -> Spec:
 def make_result(**changes) -> Result:
     spec = changes.pop("spec", make_spec())
     values = {
-        "schema_version": 6,
+        "schema_version": 7,
         "key": spec.key,
         "spec": spec,
         "protocol": {},
@@ -166,6 +166,14 @@ def test_old_results_are_migrated(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert read_result(tmp_path).message == "migrated"
 
 
+def test_fits_of_version_6_are_at_no_bound(tmp_path: Path) -> None:
+    half = {"fitted_on": 1, "aperture": 3.0, "focus_disparity": 0.5, "sigma": 1.5, "renders": 30, "error": 0.01}
+    data = make_result().model_dump(mode="json") | {"fits": [{"name": "v0", "seconds": 1.0, "halves": [half]}]}
+    write_again(tmp_path / "result.json", data | {"schema_version": 6})
+    (fit,) = read_result(tmp_path).fits
+    assert fit.halves[0].model_dump() == half | {"at_bound": False}
+
+
 @pytest.mark.parametrize("status", ["ok", "diverged", "crashed"])
 def test_results_of_version_1_still_read(status: str) -> None:
     """Files written by the code of that schema version."""
@@ -213,8 +221,8 @@ def test_what_a_migration_gives_is_of_this_version(tmp_path: Path) -> None:
         ("{", "JSON"),
         ("[]", "no schema_version"),
         ("{}", "no schema_version"),
-        ('{"schema_version": 7}', "newer dofbench"),
-        ('{"schema_version": 6}', "changed after it was written"),
+        ('{"schema_version": 8}', "newer dofbench"),
+        ('{"schema_version": 7}', "changed after it was written"),
         ('{"schema_version": 5, "digest": null}', "changed after it was written"),
         ('{"schema_version": 5}', "key: Field required"),
         ('{"schema_version": 1}', "schema_version 1, and in it KeyError: 'stages'"),

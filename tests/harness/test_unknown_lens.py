@@ -19,6 +19,7 @@ from dofbench.core.jobs import Outcome
 from dofbench.datasets.format.dataset import Dataset
 from dofbench.evaluation.metrics.lpips import load_lpips
 from dofbench.evaluation.results.result import read_result
+from dofbench.evaluation.scoring.photograph_scores import scored_mask
 from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
 from dofbench.running.check_results import check_result
@@ -96,26 +97,28 @@ def test_photographs_are_scored_by_what_half_of_each_tells(call: Callable[..., O
     data = write_dataset(tmp_path / "photographs", name="seal", unknown=EVERY, blurred=EVERY, flat=EVERY, exact=False)
     end = call(data=data)
     result = read_result(end.folder)
-    assert result.spec.protocol == "photographs-v1" and check_result(end.folder).problems == []
-    assert {"photo_psnr", "photo_ssim", "photo_blur_psnr"} <= result.scores.keys()
+    assert result.spec.protocol == "photographs-v2" and check_result(end.folder).problems == []
+    assert {"photo_psnr", "photo_ssim", "photo_sharp_psnr", "photo_no_lens", "photo_at_bound"} <= result.scores.keys()
     assert not {"psnr", "aif_psnr", "delta_a"} & result.scores.keys()
-    assert [fit.name for fit in result.fits] == ["v0", "v1"] and all(len(fit.halves) == 2 for fit in result.fits)
-    assert all(half.aperture is not None and half.renders > 10 for fit in result.fits for half in fit.halves)
+    assert [fit.name for fit in result.fits] == ["v0", "v1"] and all(len(fit.halves) == 1 for fit in result.fits)
+    assert all(half.fitted_on == 0 and half.renders > 10 for fit in result.fits for half in fit.halves)
     assert set(result.predictions) >= {"predictions/photograph/v0.png", "predictions/photograph_error/v1.png"}
     assert all({"photo_psnr", "photo_ssim"} == point.scores.keys() for point in result.curve)
 
     blind = read_result(call(method="pinhole", data=data).folder)
-    assert "the method has no lens" in blind.left_out["photo_blur_psnr"] and blind.scores["photo_psnr"] > 0
-    assert all(half.aperture is None and half.sigma >= 0 for fit in blind.fits for half in fit.halves)
+    assert "the method has no lens" in blind.left_out["photo_no_lens"] and blind.scores["photo_psnr"] > 0
+    assert all(half.aperture is None and not half.at_bound for fit in blind.fits for half in fit.halves)
+    assert blind.scores["photo_psnr"] == blind.scores["photo_sharp_psnr"]
     off = read_result(call(data=data, set=("lens=false",)).folder)
-    assert "no lens here" in off.left_out["photo_blur_psnr"] and check_result(end.folder).problems == []
+    assert "no lens here" in off.left_out["photo_no_lens"] and check_result(end.folder).problems == []
 
     # By a user's weights, the prediction of a photograph against it.
     lpips = load_lpips(write_weights(tmp_path))
     found = score_result(load_run(end.folder), None, lpips)
-    truth = Dataset.load(data).image(Dataset.load(data).test_views()[0])
+    dataset = Dataset.load(data)
+    truth, mask = dataset.image(dataset.test_views()[0]), scored_mask(dataset, dataset.test_views()[0])[0]
     views = found.added["photo_lpips_alex"].views
-    assert views["v0"] == lpips(read_image(end.folder / "predictions" / "photograph" / "v0.png"), truth)
+    assert views["v0"] == lpips(read_image(end.folder / "predictions" / "photograph" / "v0.png"), truth, mask)
     assert not any("lpips" in column for column in found.left_out)
     assert score([end.folder], "photo_lpips_alex", lpips=write_weights(tmp_path), console=Console(quiet=True))
 
@@ -125,9 +128,9 @@ def test_photographs_are_scored_by_what_half_of_each_tells(call: Callable[..., O
     heading = next(line for line in board.splitlines() if line.startswith("| method"))
     assert "photograph PSNR [dB]" in heading and "| PSNR" not in heading and "| all-in-focus" not in heading
     assert "photograph LPIPS (AlexNet) ↓" in heading.replace("\\", "")
-    assert (tmp_path / "report" / "curves" / "seal-photographs-v1-photo_psnr.svg").is_file()
+    assert (tmp_path / "report" / "curves" / "seal-photographs-v2-photo_psnr.svg").is_file()
     assert "Photographs of unknown lens" in (tmp_path / "report" / "report.html").read_text()
-    assert (tmp_path / "report" / "comparison" / "seal-photographs-v1.png").is_file()
+    assert (tmp_path / "report" / "comparison" / "seal-photographs-v2.png").is_file()
 
 
 def test_a_picture_that_isnt_what_was_scored_is_noticed(call: Callable[..., Outcome], tmp_path: Path) -> None:

@@ -25,14 +25,15 @@ REFOCUS = ("psnr", "ssim", "ms_ssim", "flip", "gmsd", "delta_e", "ssim_uniform7"
 ALL_IN_FOCUS = ("aif_psnr", "aif_ssim", "aif_flip", "aif_ssim_uniform7")
 LENS = ("delta_a", "delta_f", "delta_r")
 DEPTH = ("disparity_error", "depth_rel")
-PHOTOGRAPH = (*PHOTOGRAPH_COLUMNS, *ACROSS_COLUMNS)
+PHOTOGRAPH = tuple(dict.fromkeys((*PHOTOGRAPH_COLUMNS, "photo_blur_psnr", *ACROSS_COLUMNS)))
+_PHOTOGRAPHS_2 = ("photo_sharp_psnr", "photo_sharp_ssim", "photo_no_lens", "photo_at_bound", "photo_covered")
 EXIF = (*EXIF_COLUMNS, *EXIF_FOCUS_COLUMNS)
 COST = ("train_s", "train_cpu_s", "cold_start_s", "steps", "render_fps", "peak_mb", "gaussians", "resolved")
 SCORES = (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH, *LENS, *EXIF, *DEPTH, *COST)
 # Columns added later, which come last in files
 _NEW_IN_FILES = (
-    *(*DEPTH, "train_cpu_s", "cold_start_s", *PHOTOGRAPH, *EXIF_COLUMNS),
-    *("resolved", "ssim_uniform7", "aif_ssim_uniform7", *EXIF_FOCUS_COLUMNS),
+    *(*DEPTH, "train_cpu_s", "cold_start_s", *(one for one in PHOTOGRAPH if one not in _PHOTOGRAPHS_2), *EXIF_COLUMNS),
+    *("resolved", "ssim_uniform7", "aif_ssim_uniform7", *EXIF_FOCUS_COLUMNS, *_PHOTOGRAPHS_2),
 )
 FILE_SCORES = (*(column for column in SCORES if column not in _NEW_IN_FILES), *_NEW_IN_FILES)
 

@@ -14,18 +14,22 @@ from dofbench.datasets.format.inputs import Inputs
 AIF_PREFIX, PHOTO_PREFIX, ACROSS_PREFIX = "aif_", "photo_", "across_"
 LENS_COLUMNS = ("delta_a", "delta_f", "delta_r")
 DEPTH_COLUMNS = ("disparity_error", "depth_rel")
-PHOTOGRAPH_COLUMNS = ("photo_psnr", "photo_ssim", "photo_blur_psnr")
+# Shares of test views without a fitted lens and with one at its bound, and of pixels that training views cover, %.
+_FIT_COLUMNS = ("photo_no_lens", "photo_at_bound", "photo_covered")
+PHOTOGRAPH_COLUMNS = ("photo_psnr", "photo_ssim", "photo_sharp_psnr", "photo_sharp_ssim", *_FIT_COLUMNS)
+_PHOTOGRAPH_COLUMNS_1 = ("photo_psnr", "photo_ssim", "photo_blur_psnr")
 # Predictions by the learned aperture scaled to the test view's f-number, by the unscaled aperture, and all in focus;
 # over all pixels, and over the thirds in which the training views are most and least blurred.
-ACROSS_COLUMNS = (
+_ACROSS_COLUMNS_1 = (
     *("across_psnr", "across_ssim", "across_blurred_psnr", "across_clear_psnr"),
     *("unscaled_psnr", "unscaled_blurred_psnr", "in_focus_psnr", "in_focus_blurred_psnr"),
 )
+ACROSS_COLUMNS = (*_ACROSS_COLUMNS_1, *_FIT_COLUMNS)
 EXIF_COLUMNS = ("exif_spread", "exif_ratio")
 EXIF_FOCUS_COLUMNS = ("exif_focus", "exif_focus_scatter")
 # Scores for comparison with the learned lens; a method without a lens has none of these.
-OF_LENSES = ("photo_blur_psnr", "unscaled_psnr", "unscaled_blurred_psnr")
-BY_BLUR = "test views are predicted by one Gaussian blur instead of a lens"
+OF_LENSES = ("unscaled_psnr", "unscaled_blurred_psnr", "photo_no_lens", "photo_at_bound")
+WITHOUT_LENS = "test views are predicted without a lens"
 
 
 @dataclass(frozen=True)
@@ -84,8 +88,8 @@ _WITH_THEIR_SSIM: dict[str, Any] = {
     "refocus": (*_SHARED["refocus"], "ssim_uniform7"),
     "all_in_focus": (*_SHARED["all_in_focus"], "ssim_uniform7"),
 }
-PHOTOGRAPHS = Protocol(
-    id="photographs-v1",
+_PHOTOGRAPHS = Protocol(
+    id="photographs-v2",
     inputs="shallow",
     lens=LENS_COLUMNS,
     depth=DEPTH_COLUMNS,
@@ -103,8 +107,10 @@ PROTOCOLS: dict[str, Protocol] = {
         Protocol(id="sharp-inputs-v2", inputs="all-in-focus", lens=(), depth=DEPTH_COLUMNS, **_SHARED),
         Protocol(id="refocus-v3", inputs="shallow", lens=LENS_COLUMNS, depth=DEPTH_COLUMNS, **_WITH_THEIR_SSIM),
         Protocol(id="sharp-inputs-v3", inputs="all-in-focus", lens=(), depth=DEPTH_COLUMNS, **_WITH_THEIR_SSIM),
-        PHOTOGRAPHS,
-        replace(PHOTOGRAPHS, id="across-apertures-v1", photograph=ACROSS_COLUMNS),
+        replace(_PHOTOGRAPHS, id="photographs-v1", photograph=_PHOTOGRAPH_COLUMNS_1),
+        replace(_PHOTOGRAPHS, id="across-apertures-v1", photograph=_ACROSS_COLUMNS_1),
+        _PHOTOGRAPHS,
+        replace(_PHOTOGRAPHS, id="across-apertures-v2", photograph=ACROSS_COLUMNS),
     )
 }
 
@@ -112,6 +118,11 @@ PROTOCOLS: dict[str, Protocol] = {
 def kind_prefix(column: str) -> str:
     """The prefix of a score of images, which says what the images are; "" for refocused views."""
     return next((one for one in (AIF_PREFIX, PHOTO_PREFIX, ACROSS_PREFIX) if column.startswith(one)), "")
+
+
+def scores_both_halves(protocol: str) -> bool:
+    """Whether the protocol of this id fits each half of a photograph and scores the other, as in the first version."""
+    return protocol in PROTOCOLS and PROTOCOLS[protocol].photograph in (_PHOTOGRAPH_COLUMNS_1, _ACROSS_COLUMNS_1)
 
 
 def arithmetic_mean(values: Sequence[float]) -> float:

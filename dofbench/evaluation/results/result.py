@@ -16,7 +16,8 @@ from dofbench.core.names import InsideName, InsidePath
 from dofbench.core.readable import parse_json, read_text
 from dofbench.datasets.format.points_record import PointsRecord
 
-SCHEMA_VERSION = 6
+SCHEMA_VERSION = 7
+_DIGESTS_SINCE = 6  # the schema version
 RESULT_FILE = "result.json"
 # Folders next to result.json: the saved model, and predicted images
 MODEL_FOLDER, PREDICTIONS_FOLDER = "model", "predictions"
@@ -34,6 +35,11 @@ def _from_1(data: Data) -> Data:
     return data | {"scores": scores, "left_out": left_out, "curve": curve, "model": {}, "kernels_compiled": None}
 
 
+def _from_6(fit: Data) -> Data:
+    """Version 7 says of every fit whether it is at a bound; there was none before."""
+    return fit | {"halves": [half | {"at_bound": False} for half in fit["halves"]]}
+
+
 # Version -> conversion of a result's JSON data to the next version. Every increase of SCHEMA_VERSION needs an entry.
 MIGRATIONS: dict[int, Callable[[Data], Data]] = {
     1: _from_1,
@@ -41,6 +47,7 @@ MIGRATIONS: dict[int, Callable[[Data], Data]] = {
     3: lambda data: data | {"role": None, "role_by": "", "photographer": None, "choices": None},
     4: lambda data: data | {"foci": []},
     5: lambda data: data | {"digest": None, "data_from_here": ""},
+    6: lambda data: data | {"fits": [_from_6(fit) for fit in data.get("fits", [])]},
 }
 
 
@@ -167,19 +174,22 @@ class ViewLens(Stored):
 class HalfFitted(Stored):
     """The fit on one half (0 or 1) of a view, by which the other half is predicted. aperture: pixels * scene unit at
     the view's width; focus_disparity: 1 / scene unit; None without a lens. sigma: px, of the Gaussian blur instead of
-    the lens or besides it, or None. renders: number of renderings. error: mean squared error on the fitted half,
+    the lens or besides it, or None; always None since photographs-v2. at_bound: whether the focus is at the bound of
+    what the protocol allows. renders: number of renderings. error: mean squared error on the fitted half,
     encoded."""
 
     fitted_on: int
     aperture: float | None
     focus_disparity: float | None
     sigma: float | None
+    at_bound: bool
     renders: int
     error: float
 
 
 class ViewFit(Stored):
-    """The fits of one test view of unknown lens. seconds: wall time of the fits, not part of training."""
+    """The fits of one test view of unknown lens, on one half or on both, by the protocol. seconds: wall time of the
+    fits, not part of training."""
 
     name: str
     seconds: Amount
@@ -308,10 +318,11 @@ def read_result(path: Path) -> Result:
     data = parse_json(read_text(path, "a result that `dofbench run` wrote"), path)
     if isinstance(data, dict):
         version = data.get("schema_version")
-        if FIELD in data or version == SCHEMA_VERSION:
+        digested = isinstance(version, int) and _DIGESTS_SINCE <= version <= SCHEMA_VERSION
+        if FIELD in data or digested:
             require_digest(path, data, expected="the result as `dofbench run` wrote it")
-        if FIELD in data and isinstance(version, int) and version < SCHEMA_VERSION:
-            raise InputError(path, f"a digest in schema_version {version}", f"schema_version {SCHEMA_VERSION}")
+        if FIELD in data and isinstance(version, int) and not digested:
+            raise InputError(path, f"a digest in schema_version {version}", f"schema_version {_DIGESTS_SINCE} or newer")
     try:
         return Result.model_validate(migrate(data, path), context=_READING)
     except ValidationError as error:

@@ -27,13 +27,13 @@ from dofbench.evaluation.results.protocol import (
     ACROSS_COLUMNS,
     ACROSS_PREFIX,
     AIF_PREFIX,
-    BY_BLUR,
     DEPTH_COLUMNS,
     EXIF_COLUMNS,
     EXIF_FOCUS_COLUMNS,
     LENS_COLUMNS,
     OF_LENSES,
     PHOTO_PREFIX,
+    WITHOUT_LENS,
     Protocol,
     arithmetic_mean,
 )
@@ -41,7 +41,7 @@ from dofbench.evaluation.results.result import ViewAperture, ViewFit, ViewFocus,
 from dofbench.evaluation.scoring.error_maps import error_map
 from dofbench.evaluation.scoring.exif_scores import exif_focus_scores, exif_scores, learned_apertures, learned_foci
 from dofbench.evaluation.scoring.ground_truth import missing_truth
-from dofbench.evaluation.scoring.photograph_scores import NO_STRATA, Scored, scored_photographs
+from dofbench.evaluation.scoring.photograph_scores import NO_COVERAGE, NO_STRATA, Scored, scored_photographs
 from dofbench.evaluation.scoring.resolved import (
     RESOLVED_COLUMN,
     ResolvedCircles,
@@ -269,7 +269,8 @@ class Evaluator:
         planned = [column for column in self._protocol.photograph if column in self._columns]
         for column in planned:
             if any(column not in scores for scores in rows.values()):
-                found.left_out[column] = f"{BY_BLUR}: {refused}" if refused and column in OF_LENSES else NO_STRATA
+                reason = NO_COVERAGE if column == "photo_covered" else NO_STRATA
+                found.left_out[column] = f"{WITHOUT_LENS}: {refused}" if refused and column in OF_LENSES else reason
                 for scores in rows.values():
                     scores.pop(column, None)
 

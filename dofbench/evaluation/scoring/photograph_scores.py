@@ -8,15 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Method
 from dofbench.core.masks import filled
 from dofbench.datasets.format.benchmark_dataset import BenchmarkDataset, BenchmarkView
-from dofbench.evaluation.results.protocol import ACROSS_COLUMNS, ACROSS_PREFIX, PHOTO_PREFIX
+from dofbench.evaluation.results.protocol import ACROSS_PREFIX, PHOTO_PREFIX, PHOTOGRAPH_COLUMNS
 from dofbench.evaluation.results.result import HalfFitted, ViewFit
-from dofbench.evaluation.scoring.ground_truth import training_f_number
-from dofbench.evaluation.scoring.photographs.across import FOCUS_EFFORT, QUICK_FOCUS_EFFORT, predict_across
+from dofbench.evaluation.scoring.photographs.coverage import covered
 from dofbench.evaluation.scoring.photographs.image_tiles import Tiles, masked_psnr, tiled_ssim
+from dofbench.evaluation.scoring.photographs.learned_aperture import learned_aperture
 from dofbench.evaluation.scoring.photographs.predict import Prediction, predict
 from dofbench.evaluation.scoring.photographs.search import QUICK, THOROUGH
 from dofbench.evaluation.scoring.photographs.strata import sharpness_ratio, thirds
@@ -24,6 +23,7 @@ from dofbench.evaluation.scoring.photographs.strata import sharpness_ratio, thir
 CURVE_VIEWS = 4  # evenly spaced test views that are predicted during training; a search takes seconds
 BLURRED, CLEAR = 0, 2  # indices of the thirds of a view (`strata.thirds`)
 NO_STRATA = "too few sparse points in views of both apertures to measure their blur"
+NO_COVERAGE = "too few sparse points to know what the training views cover; all pixels are scored"
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,21 +38,19 @@ class Scored:
     @property
     def fit(self) -> ViewFit:
         """The fit as stored in the result."""
-        return ViewFit(
-            name=self.view.name,
-            seconds=self.prediction.seconds,
-            halves=[
-                HalfFitted(
-                    fitted_on=half.fitted_on,
-                    aperture=None if half.lens is None else half.lens.aperture,
-                    focus_disparity=None if half.lens is None else half.lens.focus_disparity,
-                    sigma=half.sigma,
-                    renders=sum(half.renders),
-                    error=half.cost,
-                )
-                for half in self.prediction.halves
-            ],
-        )
+        fit = self.prediction.fit
+        halves = [] if fit is None else [
+            HalfFitted(
+                fitted_on=0,
+                aperture=None if fit.lens is None else fit.lens.aperture,
+                focus_disparity=None if fit.lens is None else fit.lens.focus_disparity,
+                sigma=None,
+                at_bound=fit.at_bound,
+                renders=sum(fit.renders),
+                error=fit.cost,
+            )
+        ]  # fmt: skip
+        return ViewFit(name=self.view.name, seconds=self.prediction.seconds, halves=halves)
 
 
 def scored_photographs(
@@ -62,102 +60,135 @@ def scored_photographs(
     quick: a few views with a shorter search."""
     test = dataset.test_views()
     views = test[:: max(1, math.ceil(len(test) / CURVE_VIEWS))] if quick else test
-    if tuple(columns) == ACROSS_COLUMNS:
-        yield from _across(method, dataset, views, no_lens, quick)
-        return
-    learned, cameras = method.lens_estimates(), _training_cameras(dataset)
+    across = tuple(columns) != PHOTOGRAPH_COLUMNS
+    learned, training = method.lens_estimates(), dataset.training_views()
+    foci = [lens.focus_disparity for lens in (learned or {}).values()]
+    strata = blurred_thirds(dataset) if across and not quick else {}
+
     for view in views:
-        photograph, mask = true_photograph(dataset, view)
-        effort = QUICK if quick else THOROUGH
-        found = predict(method, view.camera, photograph, learned, effort, cameras=cameras, no_lens=no_lens, mask=mask)
-        yield Scored(view, photograph, found, prediction_scores(found, photograph))
+        photograph, (mask, share) = true_photograph(dataset, view), scored_mask(dataset, view)
+
+        def predicted(
+            by_exif: bool,
+            view: BenchmarkView = view,
+            photograph: np.ndarray = photograph,
+            mask: np.ndarray | None = mask,
+        ) -> Prediction:
+            aperture = learned_aperture(learned, training, view, by_exif=by_exif)
+            effort = QUICK if quick else THOROUGH
+            return predict(method, view.camera, photograph, aperture, effort, foci=foci, no_lens=no_lens, mask=mask)
+
+        found = predicted(by_exif=True)
+        if across:
+            unscaled = None if quick or found.refused else predicted(by_exif=False).picture
+            third = strata.get(view.name)
+            scores = _across_scores(found, unscaled, photograph, third, quick=quick)
+        else:
+            scores = prediction_scores(found, photograph)
+        if not found.refused:
+            scores |= _lens_shares(found)
+        yield Scored(view, photograph, found, scores | ({} if share is None else {"photo_covered": share}))
 
 
-def true_photograph(dataset: BenchmarkDataset, view: BenchmarkView) -> tuple[np.ndarray, np.ndarray | None]:
-    """The photograph, masked pixels replaced by the nearest valid ones, and the mask or None."""
+def true_photograph(dataset: BenchmarkDataset, view: BenchmarkView) -> np.ndarray:
+    """The photograph, (H, W, 3), encoded; masked pixels replaced by the nearest valid ones."""
     photograph, mask = dataset.image(view), dataset.mask(view)
-    return (photograph if mask is None else filled(photograph, mask)), mask
+    return photograph if mask is None else filled(photograph, mask)
 
 
-def picture_scores(
-    picture: np.ndarray, photograph: np.ndarray, prefix: str = PHOTO_PREFIX, mask: np.ndarray | None = None
-) -> dict[str, float]:
-    """PSNR and SSIM of an assembled image, (H, W, 3), encoded, at 8-bit levels. mask: (H, W), or None."""
-    height, width = photograph.shape[:2]
-    tiles = Tiles.of(height, width, mask)
+def scored_mask(dataset: BenchmarkDataset, view: BenchmarkView) -> tuple[np.ndarray | None, float | None]:
+    """The valid pixels of a test view that training views cover, (H, W), or None for all; and their share of the valid
+    ones, %, None if unknown. Where nothing is covered, the share is 0 and all valid pixels are scored."""
+    valid = dataset.mask(view)
+    if dataset.points is None:
+        return valid, None
+    frames = [(one.camera, dataset.mask(one) if one.has_mask else None) for one in dataset.training_views()]
+    shown = covered(dataset.points, view.camera, frames)
+    if shown is None:
+        return valid, None
+    kept = shown if valid is None else shown & valid
+    share = 100 * np.count_nonzero(kept) / (kept.size if valid is None else np.count_nonzero(valid))
+    return (kept if kept.any() else valid), float(share)
+
+
+def picture_scores(picture: np.ndarray, photograph: np.ndarray, prefix: str, tiles: Tiles) -> dict[str, float]:
+    """PSNR and SSIM of an image, (H, W, 3), encoded, at 8-bit levels, over the scored tiles."""
     return {
-        f"{prefix}psnr": masked_psnr(picture, photograph, tiles.inside),
+        f"{prefix}psnr": masked_psnr(picture, photograph, tiles.scored),
         f"{prefix}ssim": tiled_ssim(picture, photograph, tiles),
     }
 
 
 def prediction_scores(found: Prediction, photograph: np.ndarray) -> dict[str, float]:
-    """`PHOTOGRAPH_COLUMNS` of one view, the last one only with a lens; NaN for a non-finite rendering."""
-    if found.picture is None:
-        columns = ("photo_psnr", "photo_ssim", *(() if found.refused else ("photo_blur_psnr",)))
-        return dict.fromkeys(columns, math.nan)
-    scores = picture_scores(found.picture, photograph, mask=found.tiles.mask)
-    if not found.refused and found.blurred is not None:
-        scores["photo_blur_psnr"] = masked_psnr(found.blurred, photograph, found.tiles.inside)
+    """PSNR and SSIM by the fitted lens and without a lens; NaN for a non-finite rendering."""
+    scores: dict[str, float] = {}
+    for prefix, picture in ((PHOTO_PREFIX, found.picture), ("photo_sharp_", found.sharp)):
+        if picture is None:
+            scores |= {f"{prefix}psnr": math.nan, f"{prefix}ssim": math.nan}
+        else:
+            scores |= picture_scores(picture, photograph, prefix, found.tiles)
     return scores
 
 
-def _across(
-    method: Method, dataset: BenchmarkDataset, views: Sequence[BenchmarkView], no_lens: str, quick: bool
-) -> Iterator[Scored]:
-    learned, trained = method.lens_estimates(), training_f_number(dataset)
-    strata, cameras = {} if quick else blurred_thirds(dataset), _training_cameras(dataset)
-    for view in views:
-        assert trained is not None and view.exif is not None and view.exif.f_number is not None
-        photograph, mask = true_photograph(dataset, view)
-        found = predict_across(
-            method,
-            view.camera,
-            photograph,
-            learned,
-            trained / view.exif.f_number,
-            QUICK_FOCUS_EFFORT if quick else FOCUS_EFFORT,
-            cameras=cameras,
-            no_lens=no_lens,
-            unscaled=not quick,
-            mask=mask,
-        )
-        inside, third = found.scaled.tiles.inside, strata.get(view.name)
-        pictures = {ACROSS_PREFIX: found.scaled.picture, "in_focus_": found.in_focus}
-        if found.unscaled is not None or not (found.scaled.refused or quick):
-            pictures["unscaled_"] = found.unscaled.picture if found.unscaled is not None else None
-        masks = {"psnr": inside}
-        if third is not None:
-            masks |= {"blurred_psnr": third == BLURRED, "clear_psnr": third == CLEAR}
-        scores = {
-            prefix + name: math.nan if picture is None else masked_psnr(picture, photograph, pixels)
-            for prefix, picture in pictures.items()
-            for name, pixels in masks.items()
-            if prefix + name in ACROSS_COLUMNS
-        }
-        scaled = found.scaled.picture
-        scores["across_ssim"] = math.nan if scaled is None else tiled_ssim(scaled, photograph, found.scaled.tiles)
-        yield Scored(view, photograph, found.scaled, scores)
+def _lens_shares(found: Prediction) -> dict[str, float]:
+    """What the means over views make the shares of views without a fitted lens and with one at its bound, %."""
+    fit = found.fit
+    if found.picture is None or fit is None:
+        return {"photo_no_lens": math.nan, "photo_at_bound": math.nan}
+    return {"photo_no_lens": 100.0 * (fit.lens is None), "photo_at_bound": 100.0 * fit.at_bound}
 
 
-def _training_cameras(dataset: BenchmarkDataset) -> dict[str, Camera]:
-    return {view.name: view.camera for view in dataset.training_views()}
+def _across_scores(
+    found: Prediction,
+    unscaled: np.ndarray | None,
+    photograph: np.ndarray,
+    third: np.ndarray | None,
+    *,
+    quick: bool,
+) -> dict[str, float]:
+    """Scores over all scored pixels and over the thirds; `unscaled` is None where it isn't predicted or not finite."""
+    pictures = {ACROSS_PREFIX: found.picture, "in_focus_": found.sharp}
+    if not (quick or found.refused):
+        pictures["unscaled_"] = unscaled
+    masks = {"psnr": found.tiles.scored}
+    if third is not None:
+        masks |= {"blurred_psnr": third == BLURRED}
+    scores = {
+        prefix + name: math.nan if picture is None else masked_psnr(picture, photograph, pixels)
+        for prefix, picture in pictures.items()
+        for name, pixels in masks.items()
+    }
+    scored = found.picture
+    if third is not None:
+        clear = math.nan if scored is None else masked_psnr(scored, photograph, third == CLEAR)
+        scores["across_clear_psnr"] = clear
+    scores["across_ssim"] = math.nan if scored is None else tiled_ssim(scored, photograph, found.tiles)
+    return scores
 
 
-def blurred_thirds(dataset: BenchmarkDataset) -> dict[str, np.ndarray]:
-    """The map of thirds (`strata.thirds`) of every test view, by name; empty unless all have one."""
+def blurred_thirds(dataset: BenchmarkDataset, *, both: bool = False) -> dict[str, np.ndarray]:
+    """The map of thirds (`strata.thirds`) of every test view, by name; empty unless all have one. both: as `Tiles`."""
     if dataset.points is None:
         return {}
     shots = {
-        split: [(view.camera, *true_photograph(dataset, view)) for view in dataset.views if view.split == split]
+        split: [
+            (view.camera, true_photograph(dataset, view), dataset.mask(view))
+            for view in dataset.views
+            if view.split == split
+        ]
         for split in ("train", "test")
     }
     ratio = sharpness_ratio(dataset.points, shots["train"], shots["test"])
     found = {}
     for view in dataset.test_views():
-        inside = Tiles.of(view.camera.height, view.camera.width, dataset.mask(view)).inside
-        third = thirds(dataset.points, ratio, view.camera, inside)
+        third = thirds(dataset.points, ratio, view.camera, scored_tiles(dataset, view, both=both).scored)
         if third is None:
             return {}
         found[view.name] = third
     return found
+
+
+def scored_tiles(dataset: BenchmarkDataset, view: BenchmarkView, *, both: bool = False) -> Tiles:
+    """The tiles of a test view. both: as up to `photographs-v1`, without regard to what the training views cover."""
+    mask = dataset.mask(view) if both else scored_mask(dataset, view)[0]
+    return Tiles.of(view.camera.height, view.camera.width, mask, both=both)

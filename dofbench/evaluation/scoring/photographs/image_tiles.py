@@ -1,4 +1,4 @@
-"""Two halves of an image like the squares of a checkerboard: a fit on one half is scored on the other."""
+"""Two halves of an image like the squares of a checkerboard: a fit on the first is scored on the second."""
 
 from __future__ import annotations
 
@@ -15,16 +15,18 @@ MARGIN = 1 / 8  # share of a tile's side: least distance of scored pixels from t
 
 @dataclass(frozen=True, eq=False)
 class Tiles:
-    """The tiles of an image. half: (H, W), 0 or 1 by tile, starting with 0. inside: (H, W), scored pixels. side: of a
-    tile, px. mask: (H, W), True for valid pixels, which are fitted and scored; None for all."""
+    """The tiles of an image. half: (H, W), 0 or 1 by tile, starting with 0. inside: (H, W), valid pixels away from the
+    tiles' borders. side: of a tile, px. mask: (H, W), True for valid pixels; None for all. both: whether both halves
+    are scored, each fitted on the other, as up to `photographs-v1`."""
 
     half: np.ndarray
     inside: np.ndarray
     side: int
     mask: np.ndarray | None = None
+    both: bool = False
 
     @staticmethod
-    def of(height: int, width: int, mask: np.ndarray | None = None) -> Tiles:
+    def of(height: int, width: int, mask: np.ndarray | None = None, *, both: bool = False) -> Tiles:
         """Tiles of an eighth of the shorter side, at least 16 px, cut off at the right and lower edge. Without valid
         pixels away from the tiles' borders, those at borders are scored."""
         side = max(SMALLEST, round(min(height, width) / TILES))
@@ -34,26 +36,33 @@ class Tiles:
         inside = _inner(rows, side, margin)[:, None] & _inner(columns, side, margin)
         if mask is not None:
             inside = inside & mask if (inside & mask).any() else mask
-        return Tiles(half.astype(np.uint8), inside, side, mask)
+        return Tiles(half.astype(np.uint8), inside, side, mask, both)
 
-    def fitted(self, half: int) -> np.ndarray:
-        """(H, W) bool: the valid pixels of a half, on which a fit is made; those of both halves where it has none."""
-        own = self.half == half
-        if self.mask is None:
-            return own
-        return own & self.mask if (own & self.mask).any() else self.mask
+    @property
+    def fitted(self) -> np.ndarray:
+        """(H, W) bool: the valid pixels of the first half, on which fits are made; all valid ones if it has none."""
+        return self._first(self.half == 0)
 
-    def scored(self, half: int) -> np.ndarray:
-        """(H, W) bool: the pixels of that half that are scored."""
-        return self.inside & (self.half == half)
+    @property
+    def scored(self) -> np.ndarray:
+        """(H, W) bool: the pixels of the second half that are scored: those inside; without any, those at borders; all
+        valid ones if it has none."""
+        second = self.half == 1
+        return self.inside if self.both else self._first(self.inside & second, second)
 
-    def shrunk(self, factor: int, half: int) -> np.ndarray:
-        """(H // factor, W // factor) bool: the cells of factor x factor valid pixels within a half; without any, those
-        with a pixel that is `fitted`, or else all."""
-        share = _cells(self.fitted(half)[..., None].astype(np.float32), factor)[..., 0].mean(axis=(1, 3))
-        if self.mask is None or (share == 1).any():
-            return share == 1
-        return share > 0 if (share > 0).any() else share >= 0
+    def shrunk(self, factor: int) -> np.ndarray:
+        """(H // factor, W // factor) bool: the cells of factor x factor fitted pixels; without any, those with a fitted
+        pixel, or else all."""
+        share = _cells(self.fitted[..., None].astype(np.float32), factor)[..., 0].mean(axis=(1, 3))
+        for least in (1.0, 1e-6):
+            if (share >= least).any():
+                return share >= least
+        return share >= 0
+
+    def _first(self, *choices: np.ndarray) -> np.ndarray:
+        """The first choice with valid pixels, or all valid pixels."""
+        valid = np.ones_like(self.inside) if self.mask is None else self.mask
+        return next((chosen for choice in choices if (chosen := choice & valid).any()), valid)
 
 
 def shrink(image: np.ndarray, factor: int) -> np.ndarray:
@@ -70,7 +79,7 @@ def masked_psnr(prediction: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> 
 
 
 def tiled_ssim(prediction: np.ndarray, truth: np.ndarray, tiles: Tiles) -> float:
-    """Mean SSIM over the windows within one tile, centred on a valid pixel. Images and masks as for `ssim`."""
+    """Mean SSIM over the windows within one scored tile, centred on a valid pixel. Images and masks as for `ssim`."""
     similarity = ssim_map(*unmasked(prediction, truth, tiles.mask))
     reach = tiles.half.shape[0] - similarity.shape[0]  # size of a window minus one pixel
     first, last = slice(None, similarity.shape[0]), slice(reach, None)
@@ -78,6 +87,8 @@ def tiled_ssim(prediction: np.ndarray, truth: np.ndarray, tiles: Tiles) -> float
     rows = np.arange(tiles.half.shape[0]) // tiles.side
     columns = np.arange(tiles.half.shape[1]) // tiles.side
     whole = (rows[first] == rows[last])[:, None] & (columns[across[0]] == columns[across[1]])
+    if not tiles.both:
+        whole = whole & (centre(tiles.half, similarity) == 1)
     if tiles.mask is not None and (valid := whole & centre(tiles.mask, similarity)).any():
         whole = valid
     return float(similarity[whole].mean(dtype=np.float64))
