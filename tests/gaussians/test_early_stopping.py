@@ -94,6 +94,15 @@ def test_nothing_is_stopped_in_the_cooldown() -> None:
     assert stopping.due(790, 0.79) and not stopping.due(800, 0.8)
 
 
+@pytest.mark.usefixtures("often")
+def test_scores_that_a_reset_of_opacities_sets_back_stop_nothing() -> None:
+    resets = {"reset_every": 0.1, "densify_until": 0.5}
+    _, outcome, scores = trained(training_set(), Recorder(), **resets)
+    assert scores[0][0] >= 100 and outcome.steps == 200
+    _, _, scores = trained(training_set(), Recorder(), densify_until=0.5)
+    assert scores[0][0] < 100
+
+
 def test_patience_needs_held_out_pixels() -> None:
     with pytest.raises(InputError):
         options(patience=0.2)

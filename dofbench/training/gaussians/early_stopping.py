@@ -39,11 +39,12 @@ class Best:
 
 
 class EarlyStopping:
-    """Watches the SSIM on held-out pixels. views: number of training views. cooldown_from: share of the training at
-    which the cooldown begins; from then on training isn't stopped any more."""
+    """Watches the SSIM on held-out pixels. views: number of training views. begins: share of the training from which it
+    is watched. cooldown_from: share at which the cooldown begins; from then on training isn't stopped any more."""
 
-    def __init__(self, options: StoppingOptions, cooldown_from: float, views: int):
+    def __init__(self, options: StoppingOptions, cooldown_from: float, views: int, begins: float = 0.0):
         self._patience, self._cooldown_from, self._least = options.patience, cooldown_from, _VISITS * views
+        self._begins = begins
         self._step, self._progress, self._best_at = 0, 0.0, math.inf
         self.active = options.patience > 0
         self.best: Best | None = None
@@ -52,7 +53,7 @@ class EarlyStopping:
 
     def due(self, step: int, progress: float) -> bool:
         """Whether to score after `step`, at `progress`, 0 to 1."""
-        if not self.active or self.stopped is not None or progress >= self._cooldown_from:
+        if not self.active or self.stopped is not None or not self._begins <= progress < self._cooldown_from:
             return False
         return progress >= self._progress + self._patience / _SCORINGS and step >= self._step + self._least
 

@@ -53,7 +53,9 @@ class Trainer:
         self._reported = ReportedLoss(self.state.watch)
         self._clock = StageClock()
         self._trials = Trials(self, options)
-        self._stopping = EarlyStopping(options.stopping, options.schedule.cooldown_from, len(self.views))
+        # A reset of the opacities sets the scores back for a while, which isn't overfitting.
+        begins = options.density.densify_until if options.density.reset_every > 0 else 0.0
+        self._stopping = EarlyStopping(options.stopping, options.schedule.cooldown_from, len(self.views), begins)
         self._prior: Prior | None = None
         self._scaled: dict[int, list[ScaledView]] = {}
 
