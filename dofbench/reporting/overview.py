@@ -99,6 +99,8 @@ def _rows(
     for found in verdicts(lines, boards):
         column, first = COLUMNS[found.column], lines[found.best]
         psnr = replace(score(first.cells[found.column], column), unit="dB")
+        ssim = first.cells.get(column.id.replace("psnr", "ssim"))
+        below = _SCORED_ON.get(column.id) or _PHOTOGRAPHS + (f"; SSIM {ssim.value:.3f}" if ssim and ssim.value else "")
         costs = [(column, text, first.cells[column].value) for column, text in _COSTS.items()]
         rival, ahead = Cell(""), Cell("")
         if found.second is not None:
@@ -109,7 +111,7 @@ def _rows(
                 words(name, united(line.signs for line in lines.values())),
                 words(kind),
                 replace(words(first.name, first.signs), sort=first.name, best=True),
-                replace(psnr, below=_SCORED_ON.get(column.id, _PHOTOGRAPHS)),
+                replace(psnr, below=below),
                 rival,
                 ahead,
                 found.sure,
