@@ -22,7 +22,7 @@ import numpy as np
 from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingSet
-from dofbench.core.files import replacing
+from dofbench.core.files import write_csv
 from dofbench.core.images import resize
 from dofbench.core.similarity import psnr, ssim
 from dofbench.datasets.format.dataset import Dataset
@@ -51,7 +51,7 @@ class Small:
         )
         points = whole.points
         if points is not None and crop is not None:
-            inside = [_inside(view.camera, points.xyz) for view in views]
+            inside = [view.camera.inside(view.camera.project(points.xyz)[0]) for view in views]
             points = points.kept(np.any(inside, axis=0))
         self.training_set = TrainingSet(views, points, whole.offset)
 
@@ -82,11 +82,6 @@ class Small:
                 image = method.render(camera, None).image.clip(0, 1)
                 found.setdefault("aif_psnr", []).append(psnr(image, self._image(sharp)))
         return {column: float(np.mean(values)) for column, values in found.items()}
-
-
-def _inside(camera: Camera, xyz: np.ndarray) -> np.ndarray:
-    xy, z = camera.project(xyz)
-    return (z > 0) & (xy > 0).all(axis=1) & (xy[:, 0] < camera.width) & (xy[:, 1] < camera.height)
 
 
 class Curve:
@@ -146,10 +141,7 @@ def _write(file: Path, rows: Sequence[dict[str, Any]]) -> None:
     text = [
         {name: f"{value:.5g}" if isinstance(value, float) else value for name, value in row.items()} for row in rows
     ]
-    with replacing(file) as temporary, temporary.open("w", newline="") as stream:
-        writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows([*kept, *text])
+    write_csv(file, COLUMNS, [*kept, *text])
 
 
 def main() -> None:

@@ -11,7 +11,6 @@ that of the code it is run on: photographs-v1 at commit 50cdad66.
 from __future__ import annotations
 
 import csv
-import io
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,7 +23,7 @@ import tyro
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import Method
 from dofbench.core.errors import Status
-from dofbench.core.files import write_json, write_text
+from dofbench.core.files import write_csv, write_json
 from dofbench.core.images import from_8bit, to_8bit
 from dofbench.datasets.format.dataset import Dataset
 from dofbench.evaluation.metrics import score_image
@@ -134,14 +133,9 @@ def ranks(rows: list[dict[str, Any]]) -> Iterator[str]:
             yield f"| {' | '.join(map(str, cells))} |"
 
 
-def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
-    """Write the rows with all columns that one of them has."""
-    text = io.StringIO()
-    columns = dict.fromkeys(("dataset", "protocol", "variant", *TRUTH, *(column for row in rows for column in row)))
-    writer = csv.DictWriter(text, list(columns), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_text(path, text.getvalue())
+def columns_of(rows: list[dict[str, Any]]) -> list[str]:
+    """All columns that one of the rows has."""
+    return list(dict.fromkeys(("dataset", "protocol", "variant", *TRUTH, *(column for row in rows for column in row))))
 
 
 def main(settings: Settings) -> None:
@@ -160,7 +154,7 @@ def main(settings: Settings) -> None:
             method = trained(settings.models / folder.name / name.replace(" ", "_"), name, dataset)
             scores = {column: f"{value:.4f}" for column, value in scores_of(method, dataset).items()}
             rows.append({"dataset": folder.name, "protocol": protocol, "variant": name, **scores})
-            write_csv(settings.out, rows)
+            write_csv(settings.out, columns_of(rows), rows)
             print(json.dumps(rows[-1]), flush=True)
     for line in ranks(rows):
         print(line)

@@ -26,8 +26,8 @@ from dofbench.running.load_run import LoadedRun, loaded
 TITLES: dict[Kind, str] = {
     "refocus": "through the view's own lens",
     "all_in_focus": "all in focus",
-    "photograph": "lens fitted on the other half of the tiles",
-    "across": "learned aperture scaled, focus fitted on the other half",
+    "photograph": "lens fitted on half of the tiles",
+    "across": "learned aperture scaled, focus fitted on half of the tiles",
 }
 NOT_THERE = "the picture isn't next to the result, or isn't the one that was scored"
 BUDGET_MB = 12  # MB of pictures in one page, as base64

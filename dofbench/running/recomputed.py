@@ -25,10 +25,9 @@ from dofbench.evaluation.scoring.evaluate import CURVE_METRICS, PREFIX, WHOLE, K
 from dofbench.evaluation.scoring.photograph_scores import (
     BLURRED,
     CLEAR,
+    ScoredPixels,
     blurred_thirds,
     picture_scores,
-    scored_mask,
-    scored_tiles,
 )
 from dofbench.evaluation.scoring.photographs.image_tiles import masked_psnr
 from dofbench.running.load_run import LoadedRun
@@ -66,6 +65,7 @@ def _standing(result: Result, dataset: Dataset) -> Iterator[str]:
 
 def _images(run: LoadedRun, dataset: Dataset) -> Iterator[str]:
     test = {view.name: view for view in dataset.test_views()}
+    pixels = ScoredPixels(dataset, both=scores_both_halves(run.result.spec.protocol))
     thirds: dict[str, np.ndarray] | None = None
     added = read_added(run.folder)
     for scored in run.result.views:
@@ -78,8 +78,8 @@ def _images(run: LoadedRun, dataset: Dataset) -> Iterator[str]:
             **{column: score.views[scored.name] for column, score in later if scored.name in score.views},
         }
         if thirds is None and any(column in stored for column in _STRATA):
-            thirds = blurred_thirds(dataset, both=scores_both_halves(run.result.spec.protocol))
-        again = _scores_again(run, dataset, test[scored.name], stored, thirds or {})
+            thirds = blurred_thirds(dataset, pixels)
+        again = _scores_again(run, dataset, test[scored.name], stored, pixels, thirds or {})
         for column, value in again.items():
             if not _agrees(column, stored[column], value):
                 yield f"view {scored.name}: {column} is {stored[column]:.6g}, computed again {value:.6g}"
@@ -92,7 +92,12 @@ _STRATA = {"across_blurred_psnr": BLURRED, "across_clear_psnr": CLEAR}
 
 
 def _scores_again(
-    run: LoadedRun, dataset: Dataset, view: DatasetView, stored: dict[str, float], thirds: dict[str, np.ndarray]
+    run: LoadedRun,
+    dataset: Dataset,
+    view: DatasetView,
+    stored: dict[str, float],
+    pixels: ScoredPixels,
+    thirds: dict[str, np.ndarray],
 ) -> dict[str, float]:
     """Column -> value, of the view's stored columns that its kept pictures give."""
     again: dict[str, float] = {}
@@ -107,14 +112,12 @@ def _scores_again(
             scores = score_image(picture, truth, [column.removeprefix(prefix) for column in own], dataset.mask(view))
             again |= {prefix + metric: float(value) for metric, value in scores.items()}
             continue
-        scores = picture_scores(
-            picture, truth, prefix, scored_tiles(dataset, view, both=scores_both_halves(run.result.spec.protocol))
-        )
+        scores = picture_scores(picture, truth, prefix, pixels.tiles(view))
         if view.name in thirds:
             scores |= {column: masked_psnr(picture, truth, thirds[view.name] == of) for column, of in _STRATA.items()}
         again |= {column: value for column, value in scores.items() if column in own}
     if "photo_covered" in stored:
-        again["photo_covered"] = scored_mask(dataset, view)[1] or 0.0
+        again["photo_covered"] = pixels.of(view)[1] or 0.0
     return again
 
 

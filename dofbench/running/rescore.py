@@ -38,7 +38,7 @@ from dofbench.evaluation.results.result import RESULT_FILE, Result
 from dofbench.evaluation.results.run_lease import run_lease
 from dofbench.evaluation.scoring.evaluate import PREFIX, WHOLE, Kind, depth_scores, true_depth
 from dofbench.evaluation.scoring.ground_truth import missing_truth
-from dofbench.evaluation.scoring.photograph_scores import scored_mask
+from dofbench.evaluation.scoring.photograph_scores import ScoredPixels
 from dofbench.methods.cards import find_method
 from dofbench.running.load_run import LoadedRun, load_run
 
@@ -221,11 +221,11 @@ def _of_pictures(run: LoadedRun, kind: Kind, columns: list[str], lpips: Lpips | 
     metrics = [column.removeprefix(prefix) for column in columns if column not in WEIGHTED]
     read = run.dataset.all_in_focus if kind == "all_in_focus" else run.dataset.image
     views = {}
+    pixels = ScoredPixels(run.dataset, both=kind in WHOLE or scores_both_halves(run.result.spec.protocol))
     for view in run.dataset.test_views():
         picture, truth = read_image(run.prediction(kind, view.name)), read(view)
         assert truth is not None
-        both = kind in WHOLE or scores_both_halves(run.result.spec.protocol)
-        mask = run.dataset.mask(view) if both else scored_mask(run.dataset, view)[0]
+        mask, _ = pixels.of(view)
         scores = score_image(picture, truth, metrics, mask)
         if lpips and prefix + lpips.id in columns:
             scores[lpips.id] = lpips(picture, truth, mask)

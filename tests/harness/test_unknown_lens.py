@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from lpips_weights import write_weights
 from relisted import write_again
@@ -19,7 +20,8 @@ from dofbench.core.jobs import Outcome
 from dofbench.datasets.format.dataset import Dataset
 from dofbench.evaluation.metrics.lpips import load_lpips
 from dofbench.evaluation.results.result import read_result
-from dofbench.evaluation.scoring.photograph_scores import scored_mask
+from dofbench.evaluation.scoring import photograph_scores
+from dofbench.evaluation.scoring.photograph_scores import ScoredPixels
 from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
 from dofbench.running.check_results import check_result
@@ -116,7 +118,7 @@ def test_photographs_are_scored_by_what_half_of_each_tells(call: Callable[..., O
     lpips = load_lpips(write_weights(tmp_path))
     found = score_result(load_run(end.folder), None, lpips)
     dataset = Dataset.load(data)
-    truth, mask = dataset.image(dataset.test_views()[0]), scored_mask(dataset, dataset.test_views()[0])[0]
+    truth, mask = dataset.image(dataset.test_views()[0]), ScoredPixels(dataset).of(dataset.test_views()[0])[0]
     views = found.added["photo_lpips_alex"].views
     assert views["v0"] == lpips(read_image(end.folder / "predictions" / "photograph" / "v0.png"), truth, mask)
     assert not any("lpips" in column for column in found.left_out)
@@ -149,3 +151,19 @@ def test_a_prediction_that_isnt_finite_is_a_failure(call: Callable[..., Outcome]
     data = write_dataset(tmp_path / "photographs", name="seal", unknown=EVERY, blurred=EVERY, flat=EVERY, exact=False)
     result = read_result(call(data=data, set=("trouble=hole",)).folder)
     assert result.status is Status.DIVERGED and result.nonfinite[0].stage == "render photograph"
+
+
+def test_a_view_of_which_coverage_is_unknown_ends_no_training(
+    call: Callable[..., Outcome], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Test views may lack different columns: one has too few sparse points, the other has not."""
+    data = write_dataset(tmp_path / "photographs", name="seal", unknown=EVERY, blurred=EVERY, flat=EVERY, exact=False)
+    second = Dataset.load(data).test_views()[1].camera.world_to_camera
+
+    def known_of_the_first(points, camera, training):
+        return None if np.array_equal(camera.world_to_camera, second) else np.ones((camera.height, camera.width), bool)
+
+    monkeypatch.setattr(photograph_scores, "covered", known_of_the_first)
+    result = read_result(call(data=data).folder)
+    assert result.status is Status.OK and "photo_psnr" in result.curve[-1].scores
+    assert "photo_covered" not in result.scores and "sparse points" in result.left_out["photo_covered"]

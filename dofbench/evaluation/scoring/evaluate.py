@@ -41,7 +41,13 @@ from dofbench.evaluation.results.result import ViewAperture, ViewFit, ViewFocus,
 from dofbench.evaluation.scoring.error_maps import error_map
 from dofbench.evaluation.scoring.exif_scores import exif_focus_scores, exif_scores, learned_apertures, learned_foci
 from dofbench.evaluation.scoring.ground_truth import missing_truth
-from dofbench.evaluation.scoring.photograph_scores import NO_COVERAGE, NO_STRATA, Scored, scored_photographs
+from dofbench.evaluation.scoring.photograph_scores import (
+    NO_COVERAGE,
+    NO_STRATA,
+    Scored,
+    ScoredPixels,
+    scored_photographs,
+)
 from dofbench.evaluation.scoring.resolved import (
     RESOLVED_COLUMN,
     ResolvedCircles,
@@ -101,6 +107,7 @@ class Evaluator:
         self._train = dataset.training_views()
         self._truth: dict[tuple[Kind, str], np.ndarray] = {}
         self._masks: dict[str, np.ndarray | None] = {}
+        self._pixels = ScoredPixels(dataset)
         self._refused: str | None = None
 
     def quick(self) -> dict[str, float]:
@@ -114,8 +121,8 @@ class Evaluator:
             scores |= _means(rows)
         if self._photographs():
             shown = [PREFIX[self._photograph_kind()] + metric for metric in CURVE_METRICS]
-            means = _means([scored.scores for scored in self._scored_photographs(quick=True)])
-            scores |= {column: value for column, value in means.items() if column in shown}
+            # Other columns may be absent from some views.
+            scores |= _means([{one: scored.scores[one] for one in shown} for scored in self._scored_photographs(True)])
         errors, _ = self._lens_errors()
         return scores | errors
 
@@ -248,7 +255,9 @@ class Evaluator:
 
     def _scored_photographs(self, quick: bool) -> Iterator[Scored]:
         no_lens = next((reason for column in OF_LENSES if (reason := self._left_out.get(column))), "")
-        return scored_photographs(self._method, self._dataset, self._protocol.photograph, no_lens=no_lens, quick=quick)
+        return scored_photographs(
+            self._method, self._dataset, self._protocol.photograph, no_lens=no_lens, quick=quick, pixels=self._pixels
+        )
 
     def _score_photographs(
         self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation, pictures: _Counted

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from dofbench.core.masks import filled
 from dofbench.datasets.format.benchmark_dataset import BenchmarkDataset, BenchmarkView
 from dofbench.evaluation.results.protocol import ACROSS_PREFIX, PHOTO_PREFIX, PHOTOGRAPH_COLUMNS
 from dofbench.evaluation.results.result import HalfFitted, ViewFit
-from dofbench.evaluation.scoring.photographs.coverage import covered
+from dofbench.evaluation.scoring.photographs.coverage import Frame, covered
 from dofbench.evaluation.scoring.photographs.image_tiles import Tiles, masked_psnr, tiled_ssim
 from dofbench.evaluation.scoring.photographs.learned_aperture import learned_aperture
 from dofbench.evaluation.scoring.photographs.predict import Prediction, predict
@@ -23,7 +24,7 @@ from dofbench.evaluation.scoring.photographs.strata import sharpness_ratio, thir
 CURVE_VIEWS = 4  # evenly spaced test views that are predicted during training; a search takes seconds
 BLURRED, CLEAR = 0, 2  # indices of the thirds of a view (`strata.thirds`)
 NO_STRATA = "too few sparse points in views of both apertures to measure their blur"
-NO_COVERAGE = "too few sparse points to know what the training views cover; all pixels are scored"
+NO_COVERAGE = "too few sparse points in a test view to know what the training views cover of it"
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,36 +54,70 @@ class Scored:
         return ViewFit(name=self.view.name, seconds=self.prediction.seconds, halves=halves)
 
 
+class ScoredPixels:
+    """Which pixels of a dataset's test views are scored: valid ones that some training view covers, as far as known.
+
+    both: as `Tiles`; up to `photographs-v1` all valid pixels, whatever the training views cover.
+    """
+
+    def __init__(self, dataset: BenchmarkDataset, *, both: bool = False):
+        self._dataset, self._both = dataset, both
+        self._found: dict[str, tuple[np.ndarray | None, float | None]] = {}
+
+    @cached_property
+    def _frames(self) -> list[Frame]:
+        views = self._dataset.training_views()
+        return [(view.camera, self._dataset.mask(view) if view.has_mask else None) for view in views]
+
+    def of(self, view: BenchmarkView) -> tuple[np.ndarray | None, float | None]:
+        """The scored pixels of a view, (H, W), or None for all; and their share of the valid ones, %, None if unknown.
+        Where nothing is covered, the share is 0 and all valid pixels are scored."""
+        if view.name not in self._found:
+            self._found[view.name] = self._covered(view)
+        return self._found[view.name]
+
+    def tiles(self, view: BenchmarkView) -> Tiles:
+        """The tiles of a view."""
+        return Tiles.of(view.camera.height, view.camera.width, self.of(view)[0], both=self._both)
+
+    def _covered(self, view: BenchmarkView) -> tuple[np.ndarray | None, float | None]:
+        valid, points = self._dataset.mask(view), self._dataset.points
+        shown = None if self._both or points is None else covered(points, view.camera, self._frames)
+        if shown is None:
+            return valid, None
+        kept = shown if valid is None else shown & valid
+        share = 100 * np.count_nonzero(kept) / (kept.size if valid is None else np.count_nonzero(valid))
+        return (kept if kept.any() else valid), float(share)
+
+
 def scored_photographs(
-    method: Method, dataset: BenchmarkDataset, columns: Sequence[str], *, no_lens: str, quick: bool
+    method: Method,
+    dataset: BenchmarkDataset,
+    columns: Sequence[str],
+    *,
+    no_lens: str,
+    quick: bool,
+    pixels: ScoredPixels | None = None,
 ) -> Iterator[Scored]:
     """The test views, predicted and scored. columns: of the protocol. no_lens: why the method has no lens, if known.
-    quick: a few views with a shorter search."""
+    quick: a few views with a shorter search. pixels: the dataset's, where they are kept from call to call."""
     test = dataset.test_views()
     views = test[:: max(1, math.ceil(len(test) / CURVE_VIEWS))] if quick else test
     across = tuple(columns) != PHOTOGRAPH_COLUMNS
     learned, training = method.lens_estimates(), dataset.training_views()
     foci = [lens.focus_disparity for lens in (learned or {}).values()]
-    strata = blurred_thirds(dataset) if across and not quick else {}
-
+    pixels = pixels or ScoredPixels(dataset)
+    strata = blurred_thirds(dataset, pixels) if across and not quick else {}
+    predicted = partial(predict, method, effort=QUICK if quick else THOROUGH, foci=foci, no_lens=no_lens)
     for view in views:
-        photograph, (mask, share) = true_photograph(dataset, view), scored_mask(dataset, view)
-
-        def predicted(
-            by_exif: bool,
-            view: BenchmarkView = view,
-            photograph: np.ndarray = photograph,
-            mask: np.ndarray | None = mask,
-        ) -> Prediction:
-            aperture = learned_aperture(learned, training, view, by_exif=by_exif)
-            effort = QUICK if quick else THOROUGH
-            return predict(method, view.camera, photograph, aperture, effort, foci=foci, no_lens=no_lens, mask=mask)
-
-        found = predicted(by_exif=True)
+        photograph, (mask, share) = true_photograph(dataset, view), pixels.of(view)
+        found = predicted(view.camera, photograph, learned_aperture(learned, training, view), mask=mask)
         if across:
-            unscaled = None if quick or found.refused else predicted(by_exif=False).picture
-            third = strata.get(view.name)
-            scores = _across_scores(found, unscaled, photograph, third, quick=quick)
+            unscaled = None
+            if not (quick or found.refused):
+                aperture = learned_aperture(learned, training, view, by_exif=False)
+                unscaled = predicted(view.camera, photograph, aperture, mask=mask).picture
+            scores = _across_scores(found, unscaled, photograph, strata.get(view.name), quick=quick)
         else:
             scores = prediction_scores(found, photograph)
         if not found.refused:
@@ -94,21 +129,6 @@ def true_photograph(dataset: BenchmarkDataset, view: BenchmarkView) -> np.ndarra
     """The photograph, (H, W, 3), encoded; masked pixels replaced by the nearest valid ones."""
     photograph, mask = dataset.image(view), dataset.mask(view)
     return photograph if mask is None else filled(photograph, mask)
-
-
-def scored_mask(dataset: BenchmarkDataset, view: BenchmarkView) -> tuple[np.ndarray | None, float | None]:
-    """The valid pixels of a test view that training views cover, (H, W), or None for all; and their share of the valid
-    ones, %, None if unknown. Where nothing is covered, the share is 0 and all valid pixels are scored."""
-    valid = dataset.mask(view)
-    if dataset.points is None:
-        return valid, None
-    frames = [(one.camera, dataset.mask(one) if one.has_mask else None) for one in dataset.training_views()]
-    shown = covered(dataset.points, view.camera, frames)
-    if shown is None:
-        return valid, None
-    kept = shown if valid is None else shown & valid
-    share = 100 * np.count_nonzero(kept) / (kept.size if valid is None else np.count_nonzero(valid))
-    return (kept if kept.any() else valid), float(share)
 
 
 def picture_scores(picture: np.ndarray, photograph: np.ndarray, prefix: str, tiles: Tiles) -> dict[str, float]:
@@ -150,24 +170,22 @@ def _across_scores(
     pictures = {ACROSS_PREFIX: found.picture, "in_focus_": found.sharp}
     if not (quick or found.refused):
         pictures["unscaled_"] = unscaled
-    masks = {"psnr": found.tiles.scored}
-    if third is not None:
-        masks |= {"blurred_psnr": third == BLURRED}
+    masks = {"psnr": found.tiles.scored, **({} if third is None else {"blurred_psnr": third == BLURRED})}
     scores = {
         prefix + name: math.nan if picture is None else masked_psnr(picture, photograph, pixels)
         for prefix, picture in pictures.items()
         for name, pixels in masks.items()
     }
-    scored = found.picture
+    picture = found.picture
     if third is not None:
-        clear = math.nan if scored is None else masked_psnr(scored, photograph, third == CLEAR)
+        clear = math.nan if picture is None else masked_psnr(picture, photograph, third == CLEAR)
         scores["across_clear_psnr"] = clear
-    scores["across_ssim"] = math.nan if scored is None else tiled_ssim(scored, photograph, found.tiles)
+    scores["across_ssim"] = math.nan if picture is None else tiled_ssim(picture, photograph, found.tiles)
     return scores
 
 
-def blurred_thirds(dataset: BenchmarkDataset, *, both: bool = False) -> dict[str, np.ndarray]:
-    """The map of thirds (`strata.thirds`) of every test view, by name; empty unless all have one. both: as `Tiles`."""
+def blurred_thirds(dataset: BenchmarkDataset, pixels: ScoredPixels) -> dict[str, np.ndarray]:
+    """The map of thirds (`strata.thirds`) of every test view's scored pixels, by name; empty unless all have one."""
     if dataset.points is None:
         return {}
     shots = {
@@ -181,14 +199,8 @@ def blurred_thirds(dataset: BenchmarkDataset, *, both: bool = False) -> dict[str
     ratio = sharpness_ratio(dataset.points, shots["train"], shots["test"])
     found = {}
     for view in dataset.test_views():
-        third = thirds(dataset.points, ratio, view.camera, scored_tiles(dataset, view, both=both).scored)
+        third = thirds(dataset.points, ratio, view.camera, pixels.tiles(view).scored)
         if third is None:
             return {}
         found[view.name] = third
     return found
-
-
-def scored_tiles(dataset: BenchmarkDataset, view: BenchmarkView, *, both: bool = False) -> Tiles:
-    """The tiles of a test view. both: as up to `photographs-v1`, without regard to what the training views cover."""
-    mask = dataset.mask(view) if both else scored_mask(dataset, view)[0]
-    return Tiles.of(view.camera.height, view.camera.width, mask, both=both)

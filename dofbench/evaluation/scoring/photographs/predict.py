@@ -15,7 +15,7 @@ from dofbench.core.images import from_8bit, to_8bit
 from dofbench.core.lens import DisparityRange, PhysicalLens
 from dofbench.evaluation.scoring.photographs.colour_fit import colour_map, recoloured
 from dofbench.evaluation.scoring.photographs.image_tiles import Tiles, shrink
-from dofbench.evaluation.scoring.photographs.search import Allowed, Effort, Render, best_of_grid, refined
+from dofbench.evaluation.scoring.photographs.search import Allowed, Effort, Render, best_of_grid, found_at, refined
 
 REDUCED = 256  # px, approximate width at the start of the search
 _RANGE = 2.0, 98.0  # percentiles of a view's disparities, the range of the search
@@ -111,9 +111,10 @@ class _Search:
             return lambda focus: self._render(camera, self._allowed.lens(focus))
 
         grid, apart = best_of_grid(render(self._small), small, effort.focuses)
-        coarse = refined(render(self._small), small, grid.focus, apart, effort.coarse)
-        fine = refined(render(self._camera), full, coarse.focus, apart / 4, effort.fine)
-        renders = (grid.renders + coarse.renders, fine.renders)
+        coarse = refined(render(self._small), small, grid, apart, effort.coarse)
+        first = found_at(render(self._camera), full, coarse.focus)
+        fine = refined(render(self._camera), full, first, apart / 4, effort.fine)
+        renders = (coarse.renders, fine.renders)
         lens, image, cost = self._allowed.lens(fine.focus), fine.image, fine.cost
         if isinstance(self._method, Sketches):
             image = self._render(self._camera, lens, sketched=False)

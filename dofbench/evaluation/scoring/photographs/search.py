@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,15 +15,16 @@ AT_BOUND = 0.02  # of the disparity range: a focus as near to a bound counts as 
 
 @dataclass(frozen=True)
 class Effort:
-    """Size of a search. focuses: of the grid. coarse, fine: further renderings at the reduced and the full size."""
+    """Size of a search. focuses: of the grid. coarse: further renderings at the reduced size. fine: at the full size,
+    besides the first."""
 
     focuses: int
     coarse: int
     fine: int
 
 
-THOROUGH = Effort(focuses=11, coarse=5, fine=6)
-QUICK = Effort(focuses=7, coarse=3, fine=1)
+THOROUGH = Effort(focuses=11, coarse=4, fine=5)
+QUICK = Effort(focuses=7, coarse=2, fine=0)
 
 
 @dataclass(frozen=True)
@@ -65,29 +66,30 @@ Cost = Callable[[np.ndarray], float]  # error of an image
 def best_of_grid(render: Render, cost: Cost, focuses: int) -> tuple[Found, float]:
     """The best of evenly spaced foci, and their distance."""
     grid = np.linspace(-BEYOND, 1 + BEYOND, focuses)
-    images = [(float(focus), render(float(focus))) for focus in grid]
-    focus, image = min(images, key=lambda pair: cost(pair[1]))
-    return Found(focus, cost(image), image, focuses), float(grid[1] - grid[0])
+    best = min((found_at(render, cost, float(focus)) for focus in grid), key=lambda found: found.cost)
+    return replace(best, renders=focuses), float(grid[1] - grid[0])
 
 
-def refined(render: Render, cost: Cost, start: float, reach: float, most: int) -> Found:
-    """Brent's method within `reach` of `start`, with at most `most` renderings, the first one at `start`."""
+def found_at(render: Render, cost: Cost, focus: float) -> Found:
+    """A focus with its cost and image, by one rendering."""
+    image = render(focus)
+    return Found(focus, cost(image), image, 1)
+
+
+def refined(render: Render, cost: Cost, start: Found, reach: float, most: int) -> Found:
+    """Brent's method within `reach` of `start`, with at most `most` further renderings."""
     from scipy.optimize import minimize_scalar
 
-    image = render(start)
-    best = Found(start, cost(image), image, 1)
-    asked = 1
+    best, renders = start, start.renders
 
     def value(focus: float) -> float:
-        nonlocal best, asked
-        asked += 1
-        image = render(float(focus))
-        found = cost(image)
-        if found < best.cost:
-            best = Found(float(focus), found, image, 0)
-        return found
+        nonlocal best, renders
+        renders += 1
+        found = found_at(render, cost, float(focus))
+        best = min(best, found, key=lambda one: one.cost)
+        return found.cost
 
-    if most > 1:
-        bounds = max(start - reach, -BEYOND), min(start + reach, 1 + BEYOND)
-        minimize_scalar(value, bounds=bounds, method="bounded", options={"maxiter": most - 1, "xatol": 1e-4})
-    return Found(best.focus, best.cost, best.image, asked)
+    if most > 0:
+        bounds = max(start.focus - reach, -BEYOND), min(start.focus + reach, 1 + BEYOND)
+        minimize_scalar(value, bounds=bounds, method="bounded", options={"maxiter": most, "xatol": 1e-4})
+    return replace(best, renders=renders)
