@@ -1,0 +1,100 @@
+"""Films of a trained scene: frames that are rendered once, and a video of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import Method
+from dofbench.core.errors import InputError
+from dofbench.core.files import canonical_json, read_json, sha256_text, write_json
+from dofbench.core.images import read_image, to_8bit, write_png
+from dofbench.core.lens import PhysicalLens
+from dofbench.core.progress import Update, silent
+from dofbench.viewing.camera_paths import Path as CameraPath
+from dofbench.viewing.lens_track import LensTrack
+
+FRAMES, RECORD = "frames", "film.json"
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One frame: its camera, and its lens or None for all in focus."""
+
+    camera: Camera
+    lens: PhysicalLens | None
+
+
+def frames_of(path: CameraPath, track: LensTrack | None, count: int) -> list[Frame]:
+    """`count` frames at evenly spaced moments, the first at 0 and the last at 1. track: None for all in focus."""
+    frames = []
+    for index in range(count):
+        moment = index / max(count - 1, 1)
+        camera = path(moment)
+        frames.append(Frame(camera, None if track is None else track.lens(moment, camera)))
+    return frames
+
+
+def render_frames(
+    method: Method, frames: Sequence[Frame], folder: Path, *, model: str = "", progress: Update = silent
+) -> list[Path]:
+    """Render the frames as `folder`/frames/0001.png and on, those that are missing; returns their files.
+
+    model: what tells the trained model from others, such as its sha256. Frames of another model or of other cameras and
+    lenses are never mixed: InputError where `folder` holds some.
+    """
+    digest = sha256_text(canonical_json({"model": model, "frames": [_as_data(frame) for frame in frames]}))
+    record = folder / RECORD
+    if record.is_file():
+        found = read_json(record)
+        if not isinstance(found, dict) or found.get("digest") != digest:
+            raise InputError(folder, "frames of another film", "an empty folder, or the same film, to resume it")
+    else:
+        write_json(record, {"digest": digest, "frames": len(frames)})
+    files = [folder / FRAMES / f"{index:04d}.png" for index in range(1, len(frames) + 1)]
+    for index, (frame, file) in enumerate(zip(frames, files, strict=True)):
+        progress("render", index, len(frames))
+        if not file.is_file():
+            write_png(file, np.clip(method.render(frame.camera, frame.lens).image, 0.0, 1.0))
+    progress("render", len(frames), len(frames))
+    return files
+
+
+def write_video(files: Sequence[Path], video: Path, *, fps: float = 24.0, quality: int = 18) -> None:
+    """Write frames of one size as H.264 in an MP4 that browsers play, to a temporary name first.
+
+    files: PNGs with even numbers of rows and columns. quality: x264's constant rate factor, 0 (lossless) to 51.
+    Raises InputError without the package av (extra `film`), or for frames of other sizes.
+    """
+    try:
+        import av
+    except ImportError:
+        raise InputError("film", "no package av", 'pip install "dofbench[film]"; or frames alone, as PNG') from None
+    part = video.with_name(f".{video.name}.part")
+    height, width = read_image(files[0]).shape[:2]
+    if height % 2 or width % 2:
+        raise InputError(files[0], f"{width} x {height} pixels", "even numbers, which H.264 needs")
+    with av.open(str(part), "w", format="mp4", options={"movflags": "faststart"}) as container:
+        rate = Fraction(fps).limit_denominator(1001)
+        stream: Any = container.add_stream("libx264", rate=rate, options={"crf": str(quality)})
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        for file in files:
+            image = to_8bit(read_image(file))
+            if image.shape[:2] != (height, width):
+                found = f"{image.shape[1]} x {image.shape[0]} pixels"
+                raise InputError(file, found, f"{width} x {height}, as the first frame")
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        container.mux(stream.encode())
+    part.replace(video)
+
+
+def _as_data(frame: Frame) -> list[float]:
+    camera, lens = frame.camera, frame.lens
+    numbers = [camera.width, camera.height, *camera.parameters, *camera.world_to_camera.ravel().tolist()]
+    return numbers if lens is None else [*numbers, lens.aperture, lens.focus_disparity, lens.width]
