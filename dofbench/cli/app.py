@@ -46,6 +46,7 @@ COMMANDS = {
         "Train methods on datasets and score them.", "running.run_options:Runs", "cli.run_methods:run_methods"
     ),
     "report": Command("Write leaderboards and pages.", "reporting.report_options:Report", "reporting:report"),
+    "render": Command("Render a film of a trained scene.", "viewing.render_options:Render", "viewing.render:render"),
     "methods": Command(
         "List the methods, or one's presets and options.", "cli.small_commands:Methods", "cli.small_commands:methods"
     ),

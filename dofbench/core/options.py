@@ -119,6 +119,12 @@ def _parsed_numbers(value: Any) -> Any:
         raise PydanticCustomError("numbers", "numbers separated by commas, such as 0.2,0.5") from None
 
 
+def _some(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    if not values:
+        raise PydanticCustomError("some", "at least one value")
+    return values
+
+
 def _distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
     if not values or len(set(values)) < len(values):
         raise PydanticCustomError("distinct", "at least one value, and every value once")
@@ -126,18 +132,16 @@ def _distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 # One word of the command line, 0.2,0.5,0.8; a tuple from there on.
-NumberList = Annotated[
-    tuple[Kind, ...],
-    BeforeValidator(_parsed_numbers),
-    AfterValidator(_distinct),
-    PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="FLOAT,FLOAT,...",
-        instance_from_str=lambda words: words[0],
-        is_instance=lambda value: isinstance(value, tuple | str),
-        str_from_instance=lambda values: [",".join(map(repr, values))],
-    ),
-]
+_NUMBERS = PrimitiveConstructorSpec[Any](
+    nargs=1,
+    metavar="FLOAT,FLOAT,...",
+    instance_from_str=lambda words: words[0],
+    is_instance=lambda value: value is None or isinstance(value, tuple | str),
+    str_from_instance=lambda values: [str(values)] if values is None else [",".join(map(repr, values))],
+)
+NumberList = Annotated[tuple[Kind, ...], BeforeValidator(_parsed_numbers), AfterValidator(_distinct), _NUMBERS]
+# The same with values that may come again, as of keyframes.
+NumberSequence = Annotated[tuple[Kind, ...], BeforeValidator(_parsed_numbers), AfterValidator(_some), _NUMBERS]
 
 
 def _parsed_budget(value: Any) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import Method
+from dofbench.core.contracts import Rendering
 from dofbench.core.errors import InputError
 from dofbench.core.files import canonical_json, read_json, sha256_text, write_json
 from dofbench.core.images import read_image, to_8bit, write_png
@@ -19,6 +19,8 @@ from dofbench.core.lens import PhysicalLens
 from dofbench.core.progress import Update, silent
 from dofbench.viewing.camera_paths import Path as CameraPath
 from dofbench.viewing.lens_track import LensTrack
+
+Renderer = Callable[[Camera, PhysicalLens | None], Rendering]  # as a method's `render`
 
 FRAMES, RECORD = "frames", "film.json"
 
@@ -42,7 +44,7 @@ def frames_of(path: CameraPath, track: LensTrack | None, count: int) -> list[Fra
 
 
 def render_frames(
-    method: Method, frames: Sequence[Frame], folder: Path, *, model: str = "", progress: Update = silent
+    render: Renderer, frames: Sequence[Frame], folder: Path, *, model: str = "", progress: Update = silent
 ) -> list[Path]:
     """Render the frames as `folder`/frames/0001.png and on, those that are missing; returns their files.
 
@@ -61,7 +63,7 @@ def render_frames(
     for index, (frame, file) in enumerate(zip(frames, files, strict=True)):
         progress("render", index, len(frames))
         if not file.is_file():
-            write_png(file, np.clip(method.render(frame.camera, frame.lens).image, 0.0, 1.0))
+            write_png(file, np.clip(render(frame.camera, frame.lens).image, 0.0, 1.0))
     progress("render", len(frames), len(frames))
     return files
 

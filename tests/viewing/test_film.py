@@ -24,7 +24,7 @@ def film(count: int = 5) -> list[Frame]:
 def test_a_focus_pull_is_rendered_frame_by_frame(tmp_path: Path) -> None:
     frames = film()
     assert [frame.lens.focus_disparity for frame in frames] == pytest.approx([0.2, 0.29375, 0.5, 0.70625, 0.8])
-    files = render_frames(Known(), frames, tmp_path)
+    files = render_frames(Known().render, frames, tmp_path)
     for frame, file in zip(frames, files, strict=True):
         expected = Known().render(frame.camera, frame.lens).image
         assert np.abs(read_image(file) - expected).max() <= 0.5001 / 255
@@ -39,26 +39,26 @@ def test_a_film_goes_on_where_it_stopped(tmp_path: Path) -> None:
             return super().render(camera, lens)
 
     with pytest.raises(KeyboardInterrupt):
-        render_frames(Stops(), film(), tmp_path)
+        render_frames(Stops().render, film(), tmp_path)
     kept = {file: file.read_bytes() for file in (tmp_path / "frames").iterdir()}
     assert sorted(file.name for file in kept) == ["0001.png", "0002.png"]
     second = Known()
-    files = render_frames(second, film(), tmp_path)
+    files = render_frames(second.render, film(), tmp_path)
     assert len(second.rendered) == 3 and all(file.read_bytes() == data for file, data in kept.items())
-    other = render_frames(Known(), film(), tmp_path / "again")
+    other = render_frames(Known().render, film(), tmp_path / "again")
     assert [one.read_bytes() for one in files] == [one.read_bytes() for one in other], "the same frames"
 
 
 def test_frames_of_another_film_or_model_are_not_mixed(tmp_path: Path) -> None:
-    render_frames(Known(), film(), tmp_path, model="one")
+    render_frames(Known().render, film(), tmp_path, model="one")
     for frames, model in ((film(6), "one"), (film(), "two")):
         with pytest.raises(InputError, match="frames of another film"):
-            render_frames(Known(), frames, tmp_path, model=model)
+            render_frames(Known().render, frames, tmp_path, model=model)
 
 
 def test_a_video_shows_its_frames(tmp_path: Path) -> None:
     av = pytest.importorskip("av", reason="no package av: pip install dofbench[film]")
-    files = render_frames(Known(), film(), tmp_path)
+    files = render_frames(Known().render, film(), tmp_path)
     write_video(files, tmp_path / "film.mp4", fps=12, quality=1)
     with av.open(str(tmp_path / "film.mp4")) as container:
         stream = container.streams.video[0]

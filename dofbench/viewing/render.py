@@ -1,0 +1,131 @@
+"""`dofbench render`: a film of a run's trained scene."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dofbench.core.blur import Blur
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import Method, Rendering
+from dofbench.core.errors import InputError, unknown
+from dofbench.core.files import sha256_text
+from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
+from dofbench.core.progress import Terminal
+from dofbench.datasets.format.dataset import Dataset, DatasetView
+from dofbench.optics.defocus import defocus_numpy
+from dofbench.running.load_run import load_run
+from dofbench.viewing import camera_paths
+from dofbench.viewing.film import Renderer, frames_of, render_frames, write_video
+from dofbench.viewing.lens_track import LensTrack, Track
+from dofbench.viewing.render_options import Render
+
+VIDEO = "film.mp4"
+_RANGE = 2.0, 98.0  # percentiles of the rendered disparities, where the dataset states no range
+
+
+def render(settings: Render) -> Path:
+    """Render the film; returns the video, or the folder of frames without one.
+
+    Raises InputError for a run without a model or dataset, an unknown view, and frames of another film in the folder.
+    """
+    run = load_run(settings.result)
+    method, dataset = run.method, run.dataset
+    start = _first_view(settings, dataset)
+    bounds = disparity_range(method, dataset, start.camera)
+    track = _track(settings, method, dataset, bounds)
+    focused = bounds.q_min + settings.focus[0] * bounds.extent
+    path = _path(settings, dataset, start, 1.0 / max(focused, bounds.q_min))
+    width = settings.width or start.camera.width
+    frames = frames_of(lambda moment: camera_paths.resized_to(path(moment), width), track, settings.frames)
+    shape = ApertureShape(settings.blades, math.radians(settings.rotation))
+    model = sha256_text(f"{sorted(run.result.model.items())} {shape}")
+    with Terminal().stage("frames", len(frames)) as advance:
+        files = render_frames(
+            renderer(method, shape), frames, settings.out, model=model, progress=lambda _, done, __: advance(done)
+        )
+    if not settings.video:
+        return settings.out
+    video = settings.out / VIDEO
+    write_video(files, video, fps=settings.fps)
+    return video
+
+
+def renderer(method: Method, shape: ApertureShape = ApertureShape()) -> Renderer:
+    """Render by the method's own lens, where it has one and the aperture is a disc; else blur its all-in-focus
+    rendering by its depth, in layers."""
+    blur = Blur(shape=shape, renderer="layered")
+
+    def layered(camera: Camera, lens: PhysicalLens | None) -> Rendering:
+        sharp = method.render(camera, None)
+        if lens is None:
+            return sharp
+        return replace(sharp, image=defocus_numpy(sharp.image, sharp.depth, lens, blur)[0])
+
+    def own(camera: Camera, lens: PhysicalLens | None) -> Rendering:
+        try:
+            return method.render(camera, lens)
+        except ValueError:  # the method has no lens
+            return layered(camera, lens)
+
+    return own if shape.is_disc else layered
+
+
+def disparity_range(method: Method, dataset: Dataset, camera: Camera) -> DisparityRange:
+    """The dataset's disparity range; without one, that of the depth rendered at the camera. Raises InputError where
+    that is empty."""
+    if dataset.disparity_range is not None:
+        return dataset.disparity_range
+    depth = np.asarray(method.render(camera, None).depth, dtype=np.float64)
+    seen = np.isfinite(depth) & (depth > 0)
+    if not seen.any():
+        raise InputError("depth", "none rendered", "a method that renders depth, to focus by")
+    return DisparityRange.of_disparity(1.0 / depth[seen], *_RANGE)
+
+
+def _track(settings: Render, method: Method, dataset: Dataset, bounds: DisparityRange) -> LensTrack:
+    """Focus and aperture in scene units, from the units of the disparity range."""
+    views = {view.name: view for view in dataset.training_views()}
+    first = next(iter(views.values())).camera
+
+    def opening(aperture: float) -> float:
+        return Lens(aperture, 0.0).physical(bounds, first.width).half_opening(first)
+
+    learned = method.lens_estimates() or {}
+    openings = [lens.half_opening(views[name].camera) for name, lens in learned.items() if name in views]
+    if settings.aperture is not None or not openings:
+        openings = [opening(one) for one in settings.aperture or (1.0,)]
+    else:
+        openings = [float(np.median(openings))]
+    foci = [bounds.q_min + one * bounds.extent for one in settings.focus]
+    return LensTrack(Track.even(openings, settings.ease), Track.even(foci, settings.ease))
+
+
+def _path(settings: Render, dataset: Dataset, start: DatasetView, depth: float) -> camera_paths.Path:
+    """The camera path. depth: of what is in focus first, scene units."""
+    cameras = [view.camera for view in dataset.training_views()]
+    match settings.path:
+        case "training":
+            return camera_paths.along(cameras)
+        case "spiral":
+            return camera_paths.spiral(cameras, depth)
+        case "orbit":
+            return camera_paths.orbit(cameras)
+        case "dolly":
+            return camera_paths.dolly(start.camera, depth / 2)
+        case "dolly-zoom":
+            return camera_paths.dolly(start.camera, depth / 2, held_depth=depth)
+        case "still":
+            return camera_paths.along([start.camera])
+
+
+def _first_view(settings: Render, dataset: Dataset) -> DatasetView:
+    views = {view.name: view for view in (*dataset.test_views(), *dataset.training_views())}
+    if settings.view is None:
+        return next(iter(views.values()))
+    if settings.view not in views:
+        raise unknown("--view", settings.view, views)
+    return views[settings.view]

@@ -1,0 +1,55 @@
+"""The options of `dofbench render`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from pydantic import Field
+
+from dofbench.core.errors import InputError
+from dofbench.core.options import NumberSequence, options
+
+PathName = Literal["training", "spiral", "orbit", "dolly", "dolly-zoom", "still"]
+Ease = Literal["smooth", "linear", "in", "out"]
+
+
+@options()
+class Render:
+    """Render a film of a trained scene: a camera path, with a focus pull and a change of aperture."""
+
+    result: Annotated[Path, tyro.conf.Positional]
+    """A run's folder, as `dofbench run` wrote it."""
+    out: Path = Path("film")
+    """Folder for the frames and film.mp4; rerun the same command to resume."""
+    path: PathName = "spiral"
+    """training: through the training cameras. spiral: about their mean. orbit: around what they look at. dolly: forward
+    by half the way to the focus. dolly-zoom: the same, with what is in focus first held at its size. still: the view of
+    --view."""
+    view: str | None = None
+    """Training or test view at which dolly, dolly-zoom and still begin. Default: the first test view."""
+    frames: Annotated[int, Field(ge=1)] = 96
+    """Number of frames."""
+    fps: Annotated[float, Field(gt=0)] = 24.0
+    """Frames a second of the video."""
+    width: Annotated[int, Field(ge=16)] | None = None
+    """Width in pixels. Default: that of the dataset."""
+    focus: NumberSequence[float] = (0.2, 0.8, 0.2)
+    """Focus at evenly spaced moments, comma-separated: normalised disparity of the scene, 0 far to 1 near."""
+    aperture: NumberSequence[Annotated[float, Field(ge=0)]] | None = None
+    """Aperture at evenly spaced moments, comma-separated: 1 blurs by 2 % of the width per unit of disparity, 0 not at
+    all. Default: the median learned one, or 1 without a lens."""
+    ease: Ease = "smooth"
+    """How focus and aperture move between their values."""
+    blades: Annotated[int, Field(ge=0)] = 0
+    """Blades of the aperture; 0 for a disc. With blades, and for methods without a lens, the all-in-focus rendering is
+    blurred by its depth, in layers."""
+    rotation: float = 0.0
+    """Direction of the polygon's first corner, degrees from right towards down."""
+    video: bool = True
+    """Write film.mp4; --no-video writes frames alone."""
+
+    def __post_init__(self) -> None:
+        if self.blades in (1, 2):
+            raise InputError("--blades", str(self.blades), "0 for a disc, or at least 3")
