@@ -20,6 +20,7 @@ ORDER = (
     "evaluation",
     "running",
     "reporting",
+    "viewing",
     "cli",
 )
 IMPORT = re.compile(r"^\s*(?:from|import) dofbench(?:\.| import )(\w+)", re.MULTILINE)
