@@ -48,17 +48,21 @@ def along(cameras: Sequence[Camera], moments: Sequence[float] | None = None, *, 
     return camera
 
 
-def spiral(cameras: Sequence[Camera], target_depth: float, *, turns: float = 2.0, size: float = 1.0) -> Path:
-    """A spiral about the mean camera, that looks at one point at `target_depth`, scene units; it ends where it began.
+def spiral(cameras: Sequence[Camera], target_depth: float, *, turns: float = 2.0, size: float = 0.5) -> Path:
+    """A spiral about the mean of the cameras, looking at one point; it ends where it began.
 
-    size: of the spiral, in units of the 80th percentile of the cameras' distances along each axis of the mean camera.
-    turns: rounds, of which the last ends at the start. Source: the paths of LLFF (Mildenhall et al., 2019).
+    cameras: that look the same way (`alike`). target_depth: scene units, of the point on the mean camera's axis, where
+    the cameras' axes don't meet in one (`looked_at`). size: of the spiral, in units of the 80th percentile of the
+    cameras' distances along each axis of the mean camera. turns: rounds, of which the last ends at the start. Source:
+    the paths of LLFF (Mildenhall et al., 2019), which look at a plane.
     """
     middle = mean_camera(cameras)
     axes = middle.camera_to_world[:3, :3]
     offsets = np.stack([camera.centre - middle.centre for camera in cameras]) @ axes
     reach = size * np.percentile(np.abs(offsets), 80, axis=0)
-    target = middle.centre + target_depth * axes[:, 2]
+    target = looked_at(cameras)
+    if (target - middle.centre) @ axes[:, 2] < 2 * np.abs(offsets).max():  # the axes are parallel, or go apart
+        target = middle.centre + target_depth * axes[:, 2]
 
     def camera(moment: float) -> Camera:
         angle = 2 * math.pi * turns * moment
@@ -66,6 +70,13 @@ def spiral(cameras: Sequence[Camera], target_depth: float, *, turns: float = 2.0
         return looking_at(middle, middle.centre + axes @ local, target, -axes[:, 1])
 
     return camera
+
+
+def alike(cameras: Sequence[Camera], camera: Camera, degrees: float = 30.0) -> list[Camera]:
+    """`camera`, and those that look in its direction, to so many degrees."""
+    forward = camera.camera_to_world[:3, 2]
+    least = math.cos(math.radians(degrees))
+    return [camera, *(one for one in cameras if one.camera_to_world[:3, 2] @ forward >= least)]
 
 
 def orbit(cameras: Sequence[Camera], target: np.ndarray | None = None, *, turns: float = 1.0) -> Path:

@@ -1,4 +1,4 @@
-"""Films of a trained scene: frames that are rendered once, and a video of them."""
+"""Films of a trained scene: frames that are rendered once, as PNG or EXR, and a video of them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,15 +14,18 @@ from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Rendering
 from dofbench.core.errors import InputError
 from dofbench.core.files import canonical_json, read_json, sha256_text, write_json
-from dofbench.core.images import read_image, to_8bit, write_png
+from dofbench.core.images import read_image, to_8bit, write_exr, write_png
 from dofbench.core.lens import PhysicalLens
 from dofbench.core.progress import Update, silent
+from dofbench.optics.tone import decode
 from dofbench.viewing.camera_paths import Path as CameraPath
 from dofbench.viewing.lens_track import LensTrack
 
 Renderer = Callable[[Camera, PhysicalLens | None], Rendering]  # as a method's `render`
 
-FRAMES, RECORD = "frames", "film.json"
+FrameKind = Literal["png", "exr"]
+
+FRAMES, DEPTH, RECORD = "frames", "depth", "film.json"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +47,20 @@ def frames_of(path: CameraPath, track: LensTrack | None, count: int) -> list[Fra
 
 
 def render_frames(
-    render: Renderer, frames: Sequence[Frame], folder: Path, *, model: str = "", progress: Update = silent
+    render: Renderer,
+    frames: Sequence[Frame],
+    folder: Path,
+    *,
+    model: str = "",
+    kind: FrameKind = "png",
+    depth: bool = False,
+    progress: Update = silent,
 ) -> list[Path]:
     """Render the frames as `folder`/frames/0001.png and on, those that are missing; returns their files.
 
-    model: what tells the trained model from others, such as its sha256. Frames of another model or of other cameras and
-    lenses are never mixed: InputError where `folder` holds some.
+    model: what tells the trained model from others, such as its sha256. kind: "exr" writes linear light as half floats.
+    depth: write `folder`/depth/0001.exr and on too, z-depth in scene units, 0 where nothing is. Frames of another
+    model, or of other cameras and lenses, are never mixed: InputError where `folder` holds some.
     """
     digest = sha256_text(canonical_json({"model": model, "frames": [_as_data(frame) for frame in frames]}))
     record = folder / RECORD
@@ -59,12 +70,21 @@ def render_frames(
             raise InputError(folder, "frames of another film", "an empty folder, or the same film, to resume it")
     else:
         write_json(record, {"digest": digest, "frames": len(frames)})
-    files = [folder / FRAMES / f"{index:04d}.png" for index in range(1, len(frames) + 1)]
+    files = [folder / FRAMES / f"{index:04d}.{kind}" for index in range(1, len(frames) + 1)]
     for index, (frame, file) in enumerate(zip(frames, files, strict=True)):
-        progress("render", index, len(frames))
-        if not file.is_file():
-            write_png(file, np.clip(render(frame.camera, frame.lens).image, 0.0, 1.0))
-    progress("render", len(frames), len(frames))
+        progress("frames", index, len(frames))
+        depth_file = folder / DEPTH / f"{file.stem}.exr"
+        if file.is_file() and (depth_file.is_file() or not depth):
+            continue
+        rendering = render(frame.camera, frame.lens)
+        image = np.clip(rendering.image, 0.0, 1.0)
+        if depth:
+            write_exr(depth_file, rendering.depth)
+        if kind == "exr":
+            write_exr(file, decode(image), half=True)
+        else:
+            write_png(file, image)
+    progress("frames", len(frames), len(frames))
     return files
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 
 from dofbench.core.blur import Blur
 from dofbench.core.cameras import Camera
@@ -14,12 +15,13 @@ from dofbench.core.contracts import Method, Rendering
 from dofbench.core.errors import InputError, unknown
 from dofbench.core.files import sha256_text
 from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
-from dofbench.core.progress import Terminal
+from dofbench.core.progress import Terminal, say
 from dofbench.datasets.format.dataset import Dataset, DatasetView
 from dofbench.optics.defocus import defocus_numpy
 from dofbench.running.load_run import load_run
 from dofbench.viewing import camera_paths
 from dofbench.viewing.film import Renderer, frames_of, render_frames, write_video
+from dofbench.viewing.keyframes import film_of, read_keyframes
 from dofbench.viewing.lens_track import LensTrack, Track
 from dofbench.viewing.render_options import Render
 
@@ -35,23 +37,26 @@ def render(settings: Render) -> Path:
     run = load_run(settings.result)
     method, dataset = run.method, run.dataset
     start = _first_view(settings, dataset)
-    bounds = disparity_range(method, dataset, start.camera)
-    track = _track(settings, method, dataset, bounds)
-    focused = bounds.q_min + settings.focus[0] * bounds.extent
-    path = _path(settings, dataset, start, 1.0 / max(focused, bounds.q_min))
+    path, track = _plan(settings, method, dataset, start)
     width = settings.width or start.camera.width
     frames = frames_of(lambda moment: camera_paths.resized_to(path(moment), width), track, settings.frames)
     shape = ApertureShape(settings.blades, math.radians(settings.rotation))
-    model = sha256_text(f"{sorted(run.result.model.items())} {shape}")
     with Terminal().stage("frames", len(frames)) as advance:
         files = render_frames(
-            renderer(method, shape), frames, settings.out, model=model, progress=lambda _, done, __: advance(done)
+            renderer(method, shape),
+            frames,
+            settings.out,
+            model=sha256_text(f"{sorted(run.result.model.items())} {shape}"),
+            kind="exr" if settings.format == "exr" else "png",
+            depth=settings.depth,
+            progress=lambda _, done, __: advance(done),
         )
-    if not settings.video:
-        return settings.out
-    video = settings.out / VIDEO
-    write_video(files, video, fps=settings.fps)
-    return video
+    made = settings.out
+    if settings.format == "mp4":
+        made = settings.out / VIDEO
+        write_video(files, made, fps=settings.fps)
+    say(Console(), str(made))
+    return made
 
 
 def renderer(method: Method, shape: ApertureShape = ApertureShape()) -> Renderer:
@@ -86,6 +91,34 @@ def disparity_range(method: Method, dataset: Dataset, camera: Camera) -> Dispari
     return DisparityRange.of_disparity(1.0 / depth[seen], *_RANGE)
 
 
+def _plan(
+    settings: Render, method: Method, dataset: Dataset, start: DatasetView
+) -> tuple[camera_paths.Path, LensTrack]:
+    """Camera path and lens. start: the view of --view."""
+    if settings.keyframes is not None:
+        return film_of(read_keyframes(settings.keyframes), start.camera)
+    bounds = disparity_range(method, dataset, start.camera)
+    track = _track(settings, method, dataset, bounds)
+    focused = bounds.q_min + settings.focus[0] * bounds.extent
+    if settings.follow is not None:
+        share = settings.follow[0], settings.follow[1]
+        point = point_at(start.camera, method.render(start.camera, None).depth, share)
+        track = replace(track, focus=point)
+        focused = 1.0 / float(start.camera.project(point[None])[1][0])
+    return _path(settings, dataset, start, 1.0 / max(focused, bounds.q_min)), track
+
+
+def point_at(camera: Camera, depth: np.ndarray, share: tuple[float, float]) -> np.ndarray:
+    """(3,) point seen at `share` of width and height, from z-depth (H, W). Raises InputError where nothing is there."""
+    column, row = share[0] * camera.width, share[1] * camera.height
+    at = min(int(row), camera.height - 1), min(int(column), camera.width - 1)
+    z = float(depth[at])
+    if not z > 0:
+        raise InputError("point", f"nothing at {share[0]:g},{share[1]:g}", "a point where depth is rendered")
+    right, down = camera.rays(column, row)
+    return np.asarray((camera.camera_to_world @ np.array([right * z, down * z, z, 1.0]))[:3])
+
+
 def _track(settings: Render, method: Method, dataset: Dataset, bounds: DisparityRange) -> LensTrack:
     """Focus and aperture in scene units, from the units of the disparity range."""
     views = {view.name: view for view in dataset.training_views()}
@@ -111,7 +144,7 @@ def _path(settings: Render, dataset: Dataset, start: DatasetView, depth: float) 
         case "training":
             return camera_paths.along(cameras)
         case "spiral":
-            return camera_paths.spiral(cameras, depth)
+            return camera_paths.spiral(camera_paths.alike(cameras, start.camera), depth)
         case "orbit":
             return camera_paths.orbit(cameras)
         case "dolly":
