@@ -36,6 +36,7 @@ from .reporting import report as report
 from .reporting.report_options import Report as Report
 from .running.load_run import LoadedRun as LoadedRun
 from .running.load_run import load_run as load_run
+from .running.model import Model as Model
 from .running.one_run import run as run
 from .scenes.loading import load_scene as load_scene
 from .scenes.procedural import make_scene as make_scene

@@ -44,12 +44,25 @@ class DisparityRange:
         return self.q_max - self.q_min
 
     @staticmethod
+    def of(depth: Any) -> DisparityRange:
+        """The range of a depth map: percentiles 1 to 99 of the disparities where depth is known.
+
+        depth: any shape, such as (H, W), scene units, an array or a tensor; zero, negative and non-finite values are
+        unknown. Raises ValueError where none is known.
+        """
+        import numpy as np  # here and below: settings import this module, and help is to appear at once
+
+        values = depth.detach().cpu().numpy() if hasattr(depth, "detach") else depth
+        values = np.asarray(values, dtype=np.float64)
+        return DisparityRange.of_disparity(1.0 / values[np.isfinite(values) & (values > 0)])
+
+    @staticmethod
     def of_disparity(disparity: np.ndarray, low: float = 1.0, high: float = 99.0) -> DisparityRange:
         """From percentile `low` to percentile `high` of all finite positive values of `disparity`.
 
         disparity: any shape, such as (H, W), 1 / scene unit. Raises ValueError where none of it is positive.
         """
-        import numpy as np  # here and below: settings import this module, and help is to appear at once
+        import numpy as np
 
         known = disparity[np.isfinite(disparity) & (disparity > 0)]
         if known.size == 0:
@@ -157,6 +170,19 @@ class Lens:
             aperture=lens.aperture * disparity_range.extent / (COC_FRACTION * lens.width),
             focus=float(disparity_range.normalise(lens.focus_disparity)),
         )
+
+
+def in_scene_units(lens: PhysicalLens | Lens, disparity_range: DisparityRange | None, width: int) -> PhysicalLens:
+    """The lens in scene units, of an image `width` pixels wide; a `PhysicalLens` as it is.
+
+    disparity_range: what a `Lens` refers to. Raises InputError for a `Lens` without one.
+    """
+    if isinstance(lens, PhysicalLens):
+        return lens
+    if disparity_range is None:
+        expected = "the disparity range that it refers to, such as DisparityRange.of(depth); or a PhysicalLens"
+        raise InputError("lens", "a Lens without a disparity range", expected)
+    return lens.physical(disparity_range, width)
 
 
 @dataclass(frozen=True)

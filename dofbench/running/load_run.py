@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from dofbench.core.contracts import Method
     from dofbench.datasets.format.dataset import Dataset
     from dofbench.evaluation.results.result import Result
+    from dofbench.running.model import Model
 
 _ABOVE = 5  # folders above a result in which its dataset is looked for
 
@@ -61,6 +62,13 @@ class LoadedRun:
         method = find_method(spec.method).create(dict(spec.options), spec.seed, spec.device)
         method.load(self.folder / MODEL_FOLDER)
         return method
+
+    @cached_property
+    def model(self) -> Model:
+        """The trained scene, to render at any camera, through any lens. Raises InputError as `method`."""
+        from dofbench.running.model import Model
+
+        return Model(self.method, lambda: self.dataset.disparity_range)
 
     def no_model(self) -> str:
         """Why the model isn't there as it was kept, one line; "" where it is."""

@@ -9,18 +9,17 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from dofbench.core.blur import Blur
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import Method, Rendering
+from dofbench.core.contracts import Method
 from dofbench.core.errors import InputError, unknown
 from dofbench.core.files import sha256_text
-from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
+from dofbench.core.lens import ApertureShape, DisparityRange, Lens
 from dofbench.core.progress import Terminal, say
 from dofbench.datasets.format.dataset import Dataset, DatasetView
-from dofbench.optics.defocus import defocus_numpy
 from dofbench.running.load_run import load_run
+from dofbench.running.model import renderer
 from dofbench.viewing import camera_paths
-from dofbench.viewing.film import Renderer, frames_of, render_frames, write_video
+from dofbench.viewing.film import frames_of, render_frames, write_video
 from dofbench.viewing.keyframes import film_of, read_keyframes
 from dofbench.viewing.lens_track import LensTrack, Track
 from dofbench.viewing.render_options import Render
@@ -57,26 +56,6 @@ def render(settings: Render) -> Path:
         write_video(files, made, fps=settings.fps)
     say(Console(), str(made))
     return made
-
-
-def renderer(method: Method, shape: ApertureShape = ApertureShape()) -> Renderer:
-    """Render by the method's own lens, where it has one and the aperture is a disc; else blur its all-in-focus
-    rendering by its depth, in layers."""
-    blur = Blur(shape=shape, renderer="layered")
-
-    def layered(camera: Camera, lens: PhysicalLens | None) -> Rendering:
-        sharp = method.render(camera, None)
-        if lens is None:
-            return sharp
-        return replace(sharp, image=defocus_numpy(sharp.image, sharp.depth, lens, blur)[0])
-
-    def own(camera: Camera, lens: PhysicalLens | None) -> Rendering:
-        try:
-            return method.render(camera, lens)
-        except ValueError:  # the method has no lens
-            return layered(camera, lens)
-
-    return own if shape.is_disc else layered
 
 
 def disparity_range(method: Method, dataset: Dataset, camera: Camera) -> DisparityRange:
