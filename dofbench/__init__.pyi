@@ -31,6 +31,7 @@ from .evaluation.results.result import Result as Result
 from .evaluation.results.result import read_result as read_result
 from .evaluation.results.run_spec import RunSpec as RunSpec
 from .methods.external.external_method import External as External
+from .optics.defocus import defocus as defocus
 from .optics.defocus import defocus_numpy as defocus_numpy
 from .reporting import report as report
 from .reporting.report_options import Report as Report

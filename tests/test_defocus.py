@@ -13,7 +13,7 @@ from tolerances import FINITE_DIFFERENCE, FLOAT32_GRADIENT, FLOAT32_VALUE, HALF_
 from dofbench.core.blur import Blur
 from dofbench.core.errors import InputError
 from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
-from dofbench.optics.defocus import defocus, defocus_by_radius, defocus_numpy
+from dofbench.optics.defocus import defocus_by_radius, defocus_numpy, scatter_defocus
 from dofbench.optics.tone import TOE, decode
 
 gammas = st.sampled_from([1.0, 2.0, 2.2, 4.0])
@@ -37,7 +37,7 @@ def relative(found, expected) -> float:
 def test_no_aperture_is_the_image_bit_for_bit():
     image, _ = scene()
     for zero in (0.0, -0.0):
-        blurred = defocus(image, torch.full(image.shape[:2], zero))
+        blurred = scatter_defocus(image, torch.full(image.shape[:2], zero))
         assert torch.equal(blurred, image) and blurred.data_ptr() != image.data_ptr()
 
 
@@ -59,7 +59,7 @@ def test_cpu_agrees_with_the_reference(blur, form):
     results = []
     for dtype, backend in ((torch.float64, "reference"), (torch.float32, "auto")):
         inputs = [t.to(dtype).detach().clone().requires_grad_() for t in (image, radius)]
-        blurred = defocus(*inputs, blur, backend=backend, form=form)
+        blurred = scatter_defocus(*inputs, blur, backend=backend, form=form)
         blurred.backward(gradient.to(dtype))
         results.append((blurred.detach().double(), *(t.grad.double() for t in inputs)))
     expected, found = results
@@ -72,26 +72,26 @@ def test_cpu_agrees_with_the_reference(blur, form):
 def test_gradient_of_the_reference_by_finite_differences():
     image, radius = (t.double().requires_grad_() for t in scene(3, 4, 5, 2.0))
     inputs = (image.detach().clamp(0.05, 0.95).requires_grad_(), radius)
-    torch.autograd.gradcheck(lambda c, s: defocus(c, s, backend="reference"), inputs, atol=FINITE_DIFFERENCE)
+    torch.autograd.gradcheck(lambda c, s: scatter_defocus(c, s, backend="reference"), inputs, atol=FINITE_DIFFERENCE)
 
 
 def test_blur_is_in_linear_light():
     """Black and white in equal parts, blurred far: half of the light, which is encoded 0.5 ** (1 / gamma)."""
     image = torch.zeros(40, 40, 3)
     image[:, ::2] = 1.0
-    middle = defocus(image, torch.full((40, 40), 8.0), Blur(gamma=2.2))[20, 20]
+    middle = scatter_defocus(image, torch.full((40, 40), 8.0), Blur(gamma=2.2))[20, 20]
     assert middle == pytest.approx(np.full(3, 0.5 ** (1 / 2.2)), abs=HALF_LIT)
 
 
 def test_nothing_is_clipped_at_white():
     image, radius = torch.full((9, 9, 3), 3.0), torch.full((9, 9), 2.0)
-    assert relative(defocus(image, radius), image) < FLOAT32_VALUE
+    assert relative(scatter_defocus(image, radius), image) < FLOAT32_VALUE
 
 
 def test_black_stays_black_and_trains():
     image = torch.zeros(8, 9, 3, requires_grad=True)
     radius = torch.full((8, 9), 1.5, requires_grad=True)
-    blurred = defocus(image, radius)
+    blurred = scatter_defocus(image, radius)
     blurred.sum().backward()
     assert not blurred.any() and torch.isfinite(image.grad).all() and torch.isfinite(radius.grad).all()
 
@@ -100,7 +100,7 @@ def test_gradient_reaches_lens_and_disparity():
     image, _ = scene(4)
     disparity = torch.rand(image.shape[:2], generator=torch.Generator().manual_seed(5)).requires_grad_()
     aperture, focus = (torch.tensor(v, requires_grad=True) for v in (6.0, 0.4))
-    (defocus(image, aperture * (disparity - focus)) ** 2).sum().backward()
+    (scatter_defocus(image, aperture * (disparity - focus)) ** 2).sum().backward()
     for tensor in (disparity, aperture, focus):
         assert torch.isfinite(tensor.grad).all() and tensor.grad.abs().max() > 0
 
@@ -110,9 +110,9 @@ def test_a_bad_radius_is_an_error_and_a_bad_colour_is_seen():
     spoiled = radius.clone()
     spoiled[3, 4] = math.nan
     with pytest.raises(FloatingPointError):
-        defocus(image, spoiled)
+        scatter_defocus(image, spoiled)
     image[3, 4, 0] = math.nan
-    assert torch.isnan(defocus(image, radius)[3, 4, 0])
+    assert torch.isnan(scatter_defocus(image, radius)[3, 4, 0])
 
 
 # ------------------------------------------------------------------------------------------------ for datasets
@@ -125,7 +125,7 @@ def test_a_photograph_from_depth():
     encoded, linear = defocus_numpy(image.numpy(), depth, lens)
     assert encoded.dtype == linear.dtype == np.float32 and encoded.shape == linear.shape == image.shape
     radius = torch.from_numpy(lens.signed_radius(1.0 / depth.astype(np.float64), 31))
-    expected = defocus(image.double(), radius, backend="reference")
+    expected = scatter_defocus(image.double(), radius, backend="reference")
     assert relative(torch.from_numpy(encoded).double(), expected) < FLOAT32_VALUE
     assert relative(torch.from_numpy(linear).double(), decode(expected, toe=TOE)) < FLOAT32_VALUE
 
@@ -152,20 +152,22 @@ def test_a_photograph_without_aperture_is_the_original():
 
 def test_every_part_of_the_blur_reaches_the_kernel():
     image, radius = scene(11)
-    plain = defocus(image, radius)
+    plain = scatter_defocus(image, radius)
     for blur in (
         Blur(gamma=1.0),
         Blur(alpha=2.0),
         Blur(shape=ApertureShape(blades=3)),
         Blur(energy="algorithm1"),
     ):
-        assert relative(defocus(image, radius, blur), plain) > 1e-3, blur
-        assert np.array_equal(defocus_by_radius(image.numpy(), radius.numpy(), blur)[0], defocus(image, radius, blur))
+        assert relative(scatter_defocus(image, radius, blur), plain) > 1e-3, blur
+        assert np.array_equal(
+            defocus_by_radius(image.numpy(), radius.numpy(), blur)[0], scatter_defocus(image, radius, blur)
+        )
 
 
 def test_a_renderer_is_refused_where_it_cannot_be():
     image, radius = scene(12)
     with pytest.raises(InputError, match="renderer: found layered, expected scatter"):
-        defocus(image, radius, Blur(renderer="layered"))
+        scatter_defocus(image, radius, Blur(renderer="layered"))
     with pytest.raises(InputError, match="renderer: found thinlens, expected scatter or layered"):
         defocus_by_radius(image.numpy(), radius.numpy(), Blur(renderer="thinlens"))

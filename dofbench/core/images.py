@@ -36,6 +36,15 @@ def to_8bit(image: np.ndarray) -> np.ndarray:
     return np.floor(np.clip(image, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
 
 
+def check_floats(subject: str, image: Any) -> None:
+    """Raise InputError unless the image, an array or a tensor, holds floats: levels of 0 to 255 would be read as light
+    far above white."""
+    kind = str(image.dtype).removeprefix("torch.")
+    if not kind.startswith(("float", "bfloat")):
+        expected = "floats in [0, 1]" + (": divide by 255" if kind == "uint8" else "")
+        raise InputError(subject, kind, expected)
+
+
 def from_8bit(image: np.ndarray) -> np.ndarray:
     """uint8 to float32 in [0, 1]."""
     return image.astype(np.float32) / np.float32(255.0)

@@ -13,7 +13,7 @@ from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Rendering
 from dofbench.core.errors import InputError
 from dofbench.core.lens import PhysicalLens
-from dofbench.optics.defocus import defocus
+from dofbench.optics.defocus import scatter_defocus
 from dofbench.training.common.lenses import LearnedLenses
 from dofbench.training.fields.field_scene import FieldScene
 from dofbench.training.fields.lens_field import LensFieldMethod, LensFieldOptions, circles, scattered
@@ -75,7 +75,7 @@ class RenderedPatch(RayModel):
         shape = len(pixels.views) // pixels.width, pixels.width
         radius = (slope * disparity + offset).view(shape)
         sharp = seen.color.view(*shape, 3).contiguous()
-        return [Prediction(defocus(sharp, radius.contiguous(), self._options.blur).view(-1, 3))]
+        return [Prediction(scatter_defocus(sharp, radius.contiguous(), self._options.blur).view(-1, 3))]
 
     def gradients(self) -> Mapping[str, Tensor | None]:
         return {"lens": None if self._view is None else self.lenses.gradient()}

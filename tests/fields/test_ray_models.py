@@ -38,7 +38,7 @@ from dofbench.methods.dpnerf.weight_proposal import (
 )
 from dofbench.methods.lensnerf.method import LensRayOptions, LensRays
 from dofbench.methods.pdrf.method import ProgressiveKernel, ProgressiveOptions
-from dofbench.optics.defocus import defocus
+from dofbench.optics.defocus import scatter_defocus
 from dofbench.training.common.lenses import LearnedLenses, LensOptions
 from dofbench.training.common.networks import redraw
 from dofbench.training.fields.blur_kernels import KernelOptions
@@ -393,7 +393,7 @@ def test_a_patch_is_the_sharp_patch_through_the_lens() -> None:
     found = colours(model, scene, at, 0.3)
     radius = float(learned.estimate(1, WIDTH).signed_radius(np.array(1 / 2.5), WIDTH))
     image = sharp(scene, at).view(HEIGHT, WIDTH, 3)
-    expected = defocus(image, torch.full((HEIGHT, WIDTH), radius), Blur(2.0)).view(-1, 3)
+    expected = scatter_defocus(image, torch.full((HEIGHT, WIDTH), radius), Blur(2.0)).view(-1, 3)
     torch.testing.assert_close(found, expected, rtol=FLOAT32_GRADIENT, atol=FLOAT32_VALUE)
     found.square().sum().backward()
     assert float(model.gradients()["lens"].abs().min()) > 0

@@ -233,12 +233,12 @@ def test_one_level_below_white_isn_t_clipped():
 
 def test_light_above_white_is_kept_where_the_blur_spreads_it():
     """The brightness of a lamp of three times white is recovered from its blur, which is below white."""
-    from dofbench.optics.defocus import defocus
+    from dofbench.optics.defocus import scatter_defocus
 
     sharp = torch.full((33, 33, 3), 0.2)
     sharp[15:18, 15:18] = 1.6
     radius = torch.full((33, 33), 2.0)
-    photograph = defocus(sharp, radius).clamp(max=1)
+    photograph = scatter_defocus(sharp, radius).clamp(max=1)
     assert float(photograph.max()) == 1
     errors = {}
     for clipped in (False, True):
@@ -246,7 +246,7 @@ def test_light_above_white_is_kept_where_the_blur_spreads_it():
         adam = torch.optim.Adam([image], lr=0.02)
         for _ in range(150):
             adam.zero_grad()
-            prediction = losses.without_held_out(defocus(image, radius), photograph, clipped_white=clipped)
+            prediction = losses.without_held_out(scatter_defocus(image, radius), photograph, clipped_white=clipped)
             (prediction - photograph).abs().mean().backward()
             adam.step()
         errors[clipped] = abs(float(image.detach()[15:18, 15:18].mean()) - 1.6)

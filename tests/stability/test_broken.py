@@ -15,7 +15,7 @@ from dofbench.evaluation.stability.case import Setting
 from dofbench.evaluation.stability.catalogue import catalogue
 from dofbench.evaluation.stability.measure import measured
 from dofbench.methods.cards import find_method
-from dofbench.optics.defocus import defocus, defocus_numpy
+from dofbench.optics.defocus import defocus_numpy, scatter_defocus
 from dofbench.runtime.ops import load
 from dofbench.training.common import monitor
 from dofbench.training.gaussians import trainer
@@ -139,7 +139,7 @@ def test_a_wrong_gradient_is_seen_by_length_and_by_direction(broken, factor, tur
 
 def test_a_leak_at_aperture_0_is_seen(monkeypatch):
     assert error_of("lens/aperture-0").met
-    monkeypatch.setattr(lens_cases, "defocus", lambda *a, **o: defocus(*a, **o) * (1 + 2.0**-23))
+    monkeypatch.setattr(lens_cases, "scatter_defocus", lambda *a, **o: scatter_defocus(*a, **o) * (1 + 2.0**-23))
     assert not error_of("lens/aperture-0").met
 
 

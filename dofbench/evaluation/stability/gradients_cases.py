@@ -24,7 +24,7 @@ from dofbench.evaluation.stability.samples import VIEW_WIDTH, gaussians, harmoni
 from dofbench.evaluation.stability.samples import disparity as _disparity
 from dofbench.evaluation.stability.samples import picture as _picture
 from dofbench.evaluation.stability.samples import radii as _radii
-from dofbench.optics.defocus import defocus
+from dofbench.optics.defocus import scatter_defocus
 
 Inputs = dict[str, np.ndarray]
 Loss = Callable[[Setting, dict[str, Tensor]], Tensor]
@@ -149,7 +149,7 @@ def scatter_loss(setting: Setting, inputs: dict[str, Tensor], alpha: float = 4.0
 
 def defocus_loss(setting: Setting, inputs: dict[str, Tensor], gamma: float = 2.2) -> Tensor:
     """The decoded, blurred and encoded image, summed with random weights."""
-    blurred = defocus(inputs["image"], inputs["radius"], Blur(gamma), backend=setting.backend)
+    blurred = scatter_defocus(inputs["image"], inputs["radius"], Blur(gamma), backend=setting.backend)
     return (blurred * setting.tensor(_weights(tuple(blurred.shape)))).sum()
 
 
@@ -175,14 +175,14 @@ def points_loss(setting: Setting, inputs: dict[str, Tensor]) -> Tensor:
 def photograph_loss(setting: Setting, inputs: dict[str, Tensor]) -> Tensor:
     """3DGS' loss of an image blurred by the signed CoC radii 8 (slope d + offset)."""
     radius = 8.0 * (inputs["slope"] * inputs["disparity"] + inputs["offset"])
-    found = defocus(setting.tensor(picture()), radius, backend=setting.backend)
+    found = scatter_defocus(setting.tensor(picture()), radius, backend=setting.backend)
     return l1_ssim(setting, found, setting.tensor(_photograph()))
 
 
 @cache
 def _photograph() -> np.ndarray:
     radius = DOUBLE.tensor(radii(0.3, 8.0))
-    return values(defocus(DOUBLE.tensor(picture()), radius, backend="reference"))
+    return values(scatter_defocus(DOUBLE.tensor(picture()), radius, backend="reference"))
 
 
 def _of_itself(setting: Setting) -> Found:
@@ -270,7 +270,9 @@ def train(setting: Setting, *, off: float = 0.0, steps: int = STEPS) -> np.ndarr
     truth = gaussians(10, seed=3, rest=0)
     with torch.no_grad():
         drawn = DOUBLE.kernel("rasterize")(**{name: DOUBLE.tensor(value) for name, value in truth.items()}, camera=view)
-        target = values(defocus(drawn.color, 2.5 * (1 / drawn.depth.clamp_min(1.0) - 0.25) * 4, backend="reference"))
+        target = values(
+            scatter_defocus(drawn.color, 2.5 * (1 / drawn.depth.clamp_min(1.0) - 0.25) * 4, backend="reference")
+        )
     start: Inputs = {**gaussians(10, seed=3, rest=0), "slope": np.array(1.0), "offset": np.array(-0.5)}
     start["means"] = start["means"] + 0.1 * random.normal(size=(10, 3)).astype(np.float32)
     start["sh_dc"] = start["sh_dc"] * 0.3
@@ -287,7 +289,9 @@ def train(setting: Setting, *, off: float = 0.0, steps: int = STEPS) -> np.ndarr
     for _ in range(steps):
         raster = setting.kernel("rasterize")(**{name: tensors[name] for name in scene}, camera=view)
         near = 4 * (1 / raster.depth.detach().clamp_min(1.0))
-        image = defocus(raster.color, 2.5 * (tensors["slope"] * near + 2 * tensors["offset"]), backend=setting.backend)
+        image = scatter_defocus(
+            raster.color, 2.5 * (tensors["slope"] * near + 2 * tensors["offset"]), backend=setting.backend
+        )
         loss = l1_ssim(setting, image, photograph)
         losses.append(float(loss.detach()))
         adam.zero_grad()

@@ -14,7 +14,7 @@ from dofbench.evaluation.stability.deviation import differing, gradient_at, off,
 from dofbench.evaluation.stability.lens_surfaces import surfaces
 from dofbench.evaluation.stability.oracle import ROUNDINGS, dense_scatter
 from dofbench.evaluation.stability.samples import HEIGHT, WIDTH, disparity, picture, radii, single, straight
-from dofbench.optics.defocus import defocus, defocus_by_radius, defocus_numpy
+from dofbench.optics.defocus import defocus_by_radius, defocus_numpy, scatter_defocus
 from dofbench.optics.layered import layered_blur
 from dofbench.training.common.depth import surface_disparity
 
@@ -29,14 +29,14 @@ def _formula(setting: Setting, radius: np.ndarray, **options: Any) -> Found:
 def _closed(setting: Setting) -> Found:
     image = setting.tensor(picture(), gradient=True)
     radius = setting.tensor(radii(0.5, 0.0), gradient=True)
-    blurred = defocus(image, radius, backend=setting.backend)
+    blurred = scatter_defocus(image, radius, backend=setting.backend)
     blurred.sum().backward()
     return Found(differing(blurred, image) + differing(gradient_at(image), np.ones(image.shape)), 0.0)
 
 
 def _nearly_closed(setting: Setting) -> Found:
     image = setting.tensor(picture())
-    blurred = defocus(image, setting.tensor(radii(0.5, 1e-6)), backend=setting.backend)
+    blurred = scatter_defocus(image, setting.tensor(radii(0.5, 1e-6)), backend=setting.backend)
     return Found(off(blurred, image), 2 * 1e-6 * 4.0 + ROUNDINGS * setting.eps)
 
 
@@ -111,7 +111,7 @@ def _no_gaussians(setting: Setting) -> Found:
     blank = np.broadcast_to(values(background), (*raster.alpha.shape, 3))
     wrong = differing(raster.color, blank) + sum(differing(part, np.zeros(part.shape)) for part in raster[1:])
     far = surface_disparity(raster.depth, raster.alpha)
-    blurred = defocus(raster.color, 10.0 * (far - 0.5), backend=setting.backend)
+    blurred = scatter_defocus(raster.color, 10.0 * (far - 0.5), backend=setting.backend)
     return Found(wrong + max(0.0, off(blurred, blank) - 2 * ROUNDINGS * setting.eps), 0.0)
 
 

@@ -16,14 +16,16 @@ from dofbench.evaluation.stability.deviation import differing, gradient_at, not_
 from dofbench.evaluation.stability.light_mixing import mixing
 from dofbench.evaluation.stability.oracle import POWER, ROUNDINGS, dense_scatter
 from dofbench.evaluation.stability.samples import HEIGHT, WIDTH, picture, radii
-from dofbench.optics.defocus import defocus
+from dofbench.optics.defocus import scatter_defocus
 from dofbench.optics.tone import TOE, fast_decode, fast_encode
 
 GAMMAS = (1.0, 2.2, 4.0)
 
 
 def _blurred(setting: Setting, image: np.ndarray, gamma: float = 2.2) -> np.ndarray:
-    return values(defocus(setting.tensor(image), setting.tensor(radii(0.5)), Blur(gamma), backend=setting.backend))
+    return values(
+        scatter_defocus(setting.tensor(image), setting.tensor(radii(0.5)), Blur(gamma), backend=setting.backend)
+    )
 
 
 def _black(setting: Setting) -> Found:
@@ -34,7 +36,7 @@ def _black_gradient(setting: Setting, gamma: float) -> Found:
     image = picture()
     image[5:12, 6:20] = 0
     light, radius = setting.tensor(image, gradient=True), setting.tensor(radii(0.5), gradient=True)
-    blurred = defocus(light, radius, Blur(gamma), backend=setting.backend)
+    blurred = scatter_defocus(light, radius, Blur(gamma), backend=setting.backend)
     blurred.sum().backward()
     largest = float(np.abs(gradient_at(light)).max())
     return Found(not_finite(light.grad, radius.grad), 0.0, f"largest {largest:.3g}")
@@ -153,7 +155,7 @@ def _half_lit(setting: Setting, gamma: float) -> Found:
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     checks = np.repeat(((x + y) % 2)[..., None], 3, axis=2).astype(np.float32)
     radius = setting.tensor(np.full((HEIGHT, WIDTH), 1e4, np.float32))
-    found = defocus(setting.tensor(checks), radius, Blur(gamma), backend=setting.backend)
+    found = scatter_defocus(setting.tensor(checks), radius, Blur(gamma), backend=setting.backend)
     bound = summed(setting) + POWER * (setting.backend == "cpu")
     return Found(off(found, np.full(checks.shape, 0.5 ** (1 / gamma))), bound)
 

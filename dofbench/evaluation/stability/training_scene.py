@@ -19,7 +19,7 @@ from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
 from dofbench.evaluation.stability.samples import harmonic
-from dofbench.optics.defocus import defocus
+from dofbench.optics.defocus import scatter_defocus
 from dofbench.runtime.ops import load
 
 WIDTH, HEIGHT, VIEWS = 64, 48, 6
@@ -124,7 +124,7 @@ def _taken(
         return TrainingView(name, camera, picture.color.clamp(0, 1).numpy())
     raster = load("rasterize")(**truth, camera=camera, background=behind)
     surface = torch.where(raster.alpha > 0.1, raster.depth, FAR).clamp_min(NEAR / 2)
-    photograph = defocus(raster.color, lens.signed_radius(1 / surface, WIDTH)).clamp(0, 1)
+    photograph = scatter_defocus(raster.color, lens.signed_radius(1 / surface, WIDTH)).clamp(0, 1)
     return TrainingView(name, camera, photograph.numpy())
 
 

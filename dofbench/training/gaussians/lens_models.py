@@ -13,7 +13,7 @@ from dofbench.core.blur import Blur
 from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
 from dofbench.core.lens import ALPHA, ApertureShape, Energy
-from dofbench.optics.defocus import defocus
+from dofbench.optics.defocus import scatter_defocus
 from dofbench.optics.tone import fast_decode, fast_encode
 from dofbench.runtime.device_numbers import beside
 from dofbench.training.gaussians.forward_model import BlurOptions, ForwardModel, Pinhole, Rasteriser, SharpView, Shot
@@ -58,7 +58,7 @@ class ScatterBlur(ForwardModel):
 
     def spread(self, colour: Tensor, disparity: Tensor, shot: Shot) -> Tensor:
         """Scatter an encoded sharp image (H, W, 3) by its disparity (H, W), 1 / scene unit."""
-        return defocus(colour, shot.radius(disparity), self._spread)
+        return scatter_defocus(colour, shot.radius(disparity), self._spread)
 
 
 @dataclass(frozen=True)
