@@ -82,6 +82,11 @@ class Camera(Calibration):
         matrix.setflags(write=False)
         object.__setattr__(self, "world_to_camera", matrix)
 
+    def __repr__(self) -> str:
+        place = ", ".join(f"{value:.4g}" for value in self.centre)
+        focal = f"fx {self.fx:.6g}, fy {self.fy:.6g}"
+        return f"{type(self).__name__}({self.width} x {self.height} px, {focal}, at ({place}))"
+
     @property
     def camera_to_world(self) -> np.ndarray:
         """(4, 4) inverse of world_to_camera."""

@@ -14,6 +14,7 @@ from dofbench.core.budget import Budget
 from dofbench.core.cameras import NO_OFFSET, Camera, Offset
 from dofbench.core.errors import Status
 from dofbench.core.image_files.exif import Exif
+from dofbench.core.images import check_floats
 from dofbench.core.lens import PhysicalLens
 from dofbench.core.masks import filled
 
@@ -34,6 +35,9 @@ class PointCloud:
 
     def __len__(self) -> int:
         return len(self.xyz)
+
+    def __repr__(self) -> str:
+        return f"PointCloud({len(self)} points, {'with' if self.views is not None else 'without'} tracks)"
 
     def moved(self, by: Offset) -> PointCloud:
         """The points at their positions plus `by`, scene units; itself for no offset."""
@@ -82,8 +86,8 @@ class TrainingView:
     """One training photograph: image (H, W, 3) float32, encoded, [0, 1]. exif: what its camera wrote down, if any.
 
     mask: (H, W) bool, True for the pixels to train on; None where all are. Masked pixels of `image` are replaced by
-    their nearest valid ones, so a method never receives what was under a mask. Raises ValueError for a mask of another
-    size or without a valid pixel.
+    their nearest valid ones, so a method never receives what was under a mask. Raises ValueError for an image that
+    isn't floats, and for a mask of another size or without a valid pixel.
     """
 
     name: str
@@ -93,6 +97,7 @@ class TrainingView:
     mask: np.ndarray | None = None
 
     def __post_init__(self) -> None:
+        check_floats(f"image of view {self.name}", self.image)
         if self.mask is None:
             return
         mask = np.asarray(self.mask, bool)
@@ -101,6 +106,11 @@ class TrainingView:
             raise ValueError(f"mask of view {self.name}: expected valid pixels, {self.image.shape[:2]}, found {found}")
         object.__setattr__(self, "mask", None if mask.all() else mask)
         object.__setattr__(self, "image", filled(self.image, mask))
+
+    def __repr__(self) -> str:
+        height, width = self.image.shape[:2]
+        masked = "" if self.mask is None else ", masked"
+        return f"TrainingView({self.name!r}, {width} x {height} px{masked})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +127,10 @@ class TrainingSet:
     views: tuple[TrainingView, ...]
     points: PointCloud | None
     offset: Offset = NO_OFFSET
+
+    def __repr__(self) -> str:
+        points = "no points" if self.points is None else f"{len(self.points)} points"
+        return f"TrainingSet({len(self.views)} views, {points})"
 
 
 @dataclass(frozen=True)
@@ -159,10 +173,25 @@ class FitOutcome:
 
 @dataclass(frozen=True, eq=False)
 class Rendering:
-    """image: (H, W, 3) float32, encoded. depth: (H, W) float32, scene units, 0 where empty."""
+    """image: (H, W, 3) float32, encoded. depth: (H, W) float32, scene units, 0 where empty.
+
+    Raises InputError for an image that isn't floats.
+    """
 
     image: np.ndarray
     depth: np.ndarray
+
+    def __post_init__(self) -> None:
+        check_floats("rendered image", self.image)
+
+    def __repr__(self) -> str:
+        height, width = self.image.shape[:2]
+        return f"Rendering({width} x {height} px)"
+
+    def _repr_html_(self) -> str:
+        from dofbench.core.notebook import as_html, disparity_picture
+
+        return as_html(repr(self), [("image", self.image), ("disparity", disparity_picture(self.depth))])
 
 
 class Observer(Protocol):

@@ -88,14 +88,14 @@ def image_size(path: Path) -> tuple[int, int]:
     return shown
 
 
-def read_image(path: Path) -> np.ndarray:
+def read_image(path: Path | str) -> np.ndarray:
     """Read an image as float32 (H, W, 3) in sRGB: encoded in [0, 1], or of a linear file the light, not clipped.
 
     Integer formats are scaled to [0, 1]; floats are kept. Other colour spaces are converted (`coding_of`); sRGB and
     what says nothing is taken bit for bit. A single channel is repeated; an alpha channel is composited over black,
     which is what it stands for in the layouts read here. Raises InputError when the file can't be read.
     """
-    return read_coded(path)[0]
+    return read_coded(Path(path))[0]
 
 
 def image_coding(path: Path) -> Coding:
@@ -222,11 +222,15 @@ def _check_numbers(image: np.ndarray) -> None:
         raise FloatingPointError(f"image: expected numbers, found {found}")
 
 
-def write_png(path: Path, image: np.ndarray, *, bits: int = 8) -> None:
+def write_png(path: Path | str, image: np.ndarray, *, bits: int = 8) -> None:
     """Write an encoded image (H, W, 3) as PNG, atomically; the same pixels give the same bytes.
 
-    image: floats in [0, 1], or uint8 for 8 bits. Raises FloatingPointError for NaN.
+    image: floats in [0, 1]; or uint8, written as it is with 8 bits. Raises InputError for other types, and
+    FloatingPointError for NaN.
     """
+    path = Path(path)
+    if bits != 8 or image.dtype != np.uint8:
+        check_floats("image", image)
     if bits == 16:
         _write(path, to_16bit(image), "uint16", {"png:compressionLevel": 6})
         return

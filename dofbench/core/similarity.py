@@ -15,6 +15,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from dofbench.core.images import check_floats
 from dofbench.core.masks import filled
 
 WINDOW = 11  # pixels
@@ -31,8 +32,7 @@ def checked(prediction: np.ndarray, truth: np.ndarray, smallest: int = 1) -> tup
     for name, image in (("prediction", prediction), ("truth", truth)):
         if image.ndim != 3 or image.shape[2] != 3:
             raise ValueError(f"{name}: expected an image of shape (H, W, 3), found {image.shape}")
-        if not np.issubdtype(image.dtype, np.floating):
-            raise ValueError(f"{name}: expected floating values in [0, 1], found {image.dtype}")
+        check_floats(name, image)
     if prediction.shape != truth.shape:
         raise ValueError(f"prediction: expected the truth's shape {truth.shape}, found {prediction.shape}")
     if min(prediction.shape[:2]) < smallest:

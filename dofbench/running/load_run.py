@@ -5,14 +5,17 @@ Nothing heavy is imported here before it is asked for.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from os.path import normpath
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dofbench.core.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from dofbench.core.contracts import Method
     from dofbench.datasets.format.dataset import Dataset
     from dofbench.evaluation.results.result import Result
@@ -32,12 +35,25 @@ class LoadedRun:
     result: Result
     data: Path
 
+    def __repr__(self) -> str:
+        return f"LoadedRun({self.result.line()}, in {self.folder})"
+
+    def _repr_html_(self) -> str:
+        from dofbench.core.notebook import as_html
+
+        return as_html(repr(self), self._pictures(), self.result.shown_scores())
+
     @cached_property
     def dataset(self) -> Dataset:
         """The dataset that the run was made on. Raises InputError when it isn't in `data`, or another one is."""
         from dofbench.datasets.format.dataset import Dataset
+        from dofbench.datasets.format.schema import MANIFEST
 
-        dataset, spec = Dataset.load(self.data), self.result.spec
+        spec = self.result.spec
+        if not (self.data / MANIFEST).exists():
+            expected = f"the dataset {spec.dataset} of this run: load_run(folder, data=…) says where it is now"
+            raise InputError(self.data, "no dataset there or near the result", expected)
+        dataset = Dataset.load(self.data)
         if dataset.checksum != spec.dataset_checksum:
             raise InputError(
                 self.data,
@@ -94,23 +110,45 @@ class LoadedRun:
             raise InputError(file, "another picture" if file.is_file() else "no file", "the one that was scored")
         return file
 
+    def _pictures(self) -> list[tuple[str, np.ndarray]]:
+        """The first test view's image and what was rendered of it, where they are kept."""
+        from dofbench.core.images import read_image
+        from dofbench.datasets.format import layout
+
+        views = sorted(view.name for view in self.result.views)
+        if not views:
+            return []
+        image, found = layout.shallow_path(self.data, views[0]), []
+        if image.is_file():
+            found.append((f"{views[0]}: image", read_image(image)))
+        for name in sorted(self.result.predictions):
+            kind, view = name.removeprefix("predictions/").partition("/")[::2]
+            if view == f"{views[0]}.png" and (self.folder / name).is_file():
+                found.append((f"{kind.replace('_', ' ')}, rendered", read_image(self.folder / name)))
+        return found
+
     def _is(self, name: str, checksum: str) -> bool:
         from dofbench.core.files import sha256_file
 
         return (self.folder / name).is_file() and sha256_file(self.folder / name) == checksum
 
 
-def load_run(folder: Path | str, data: Path | None = None) -> LoadedRun:
+def load_run(folder: Path | str, data: Path | str | None = None) -> LoadedRun:
     """Open the result in `folder` (or the result.json itself), with its dataset and its trained method.
 
-    data: where the dataset is now; None to look for it (`find_data`). Raises InputError when there is no readable
-    result.
+    data: where the dataset is now; None to look for it (`find_data`). The paths of the run are absolute, so it can be
+    used after the current folder has changed. Raises InputError when there is no readable result.
     """
-    from dofbench.evaluation.results.result import read_result
+    from dofbench.core.files import files_below
+    from dofbench.evaluation.results.result import RESULT_FILE, read_result
 
     folder = Path(folder)
     folder = folder.parent if folder.is_file() else folder
-    return loaded(folder, read_result(folder), data)
+    below = [] if (folder / RESULT_FILE).exists() else sorted(files_below(folder, RESULT_FILE))
+    if below:
+        raise InputError(folder, f"{len(below)} results below", f"the folder of one, such as {below[0].parent}")
+    run = loaded(folder.absolute(), read_result(folder), None if data is None else Path(data))
+    return replace(run, data=run.data.absolute())
 
 
 def loaded(folder: Path, result: Result, data: Path | None = None) -> LoadedRun:
@@ -129,7 +167,7 @@ def find_data(folder: Path, result: Result) -> Path:
 
     said, here = Path(result.data), folder.resolve()
     above = [here, *here.parents][: _ABOVE + 1]
-    places = [said, *([here / result.data_from_here] if result.data_from_here else [])]
+    places = [said, *([Path(normpath(here / result.data_from_here))] if result.data_from_here else [])]
     if not said.is_absolute():
         places += [place / said for place in above]
     places += [place / name for place in above for name in (result.spec.dataset, Path("data") / result.spec.dataset)]

@@ -29,6 +29,9 @@ class Model:
     method: Method
     disparity_range: Callable[[], DisparityRange | None] = _no_range
 
+    def __repr__(self) -> str:
+        return f"Model({type(self.method).__name__})"
+
     def render(
         self, camera: Camera, lens: PhysicalLens | Lens | None = None, shape: ApertureShape = ApertureShape()
     ) -> Rendering:

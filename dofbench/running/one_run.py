@@ -18,7 +18,7 @@ from dofbench.runtime.leases import HeldElsewhere, at_work
 
 
 def run(
-    spec: RunSpec, console: Console | None = None, progress: Progress | None = None, *, data: Path | None = None
+    spec: RunSpec, console: Console | None = None, progress: Progress | None = None, *, data: Path | str | None = None
 ) -> Outcome:
     """Train, score and write `<out>/<dataset>/<method>-<preset>-seed<k>-<key>/result.json`.
 
@@ -33,7 +33,7 @@ def run(
     data = spec.data if data is None else data
     if data is None:
         raise InputError("data", "none", "a dataset's folder: the built-in one is made by the command, or make_dataset")
-    plan = make_plan(spec, data)
+    plan = make_plan(spec, Path(data))
     for line in plan.lines() if spec.dry_run or spec.verbose else plan.summary():
         say(console, line)
     if spec.dry_run:

@@ -39,7 +39,7 @@ _printed: set[str] = set()
 
 
 def load_scene(
-    root: Path,
+    root: Path | str,
     *,
     width: int | None = None,
     images: str | None = None,

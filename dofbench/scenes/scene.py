@@ -43,6 +43,9 @@ class SceneView:
     mask: Callable[[], np.ndarray] | None = None
     linear: Callable[[], np.ndarray] | None = None
 
+    def __repr__(self) -> str:
+        return f"SceneView({self.name!r}, {self.split}, {self.camera.width} x {self.camera.height} px)"
+
 
 @dataclass(frozen=True, eq=False)
 class Scene:
@@ -63,6 +66,11 @@ class Scene:
     offset: Offset = NO_OFFSET
     split_by: str = ""
     places: tuple[int, ...] | None = None
+
+    def __repr__(self) -> str:
+        points = "no points" if self.points is None else f"{len(self.points)} points"
+        views = f"{len(self.views)} views, {len(self.test_views())} of them to test"
+        return f"Scene({self.name!r}, {self.layout}, {views}, {points}, in {self.root})"
 
     def noted(self, *notes: str) -> Scene:
         """The scene with further notes; empty ones and repeated ones are dropped."""

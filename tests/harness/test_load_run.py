@@ -32,11 +32,37 @@ def test_the_dataset_may_have_moved_and_must_be_the_same(call, tmp_path: Path) -
     shutil.move(tmp_path / "data", tmp_path / "moved")
     run = load_run(folder)
     assert run.result.scores["steps"] == 8
-    with pytest.raises(InputError, match="no such folder"):
+    with pytest.raises(InputError, match="no dataset there or near the result, expected the dataset waves") as caught:
         _ = run.dataset
+    assert "\n" not in str(caught.value)
     assert load_run(folder, tmp_path / "moved").dataset.name == "waves"
+    assert load_run(str(folder), str(tmp_path / "moved")).dataset.name == "waves"
     with pytest.raises(InputError, match="that it was run on"):
         _ = load_run(folder, write_dataset(tmp_path / "other", seed=5)).dataset
+
+
+def test_a_run_is_usable_from_any_folder(call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a path relative to the current folder, which may change afterwards; and where results and data were moved
+    together."""
+    monkeypatch.chdir(tmp_path)
+    folder = call(data=Path("data"), out=Path("results")).folder
+    assert not folder.is_absolute() and load_run(folder).result.data == "data"
+    run, elsewhere = load_run(folder), tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    assert run.dataset.name == "waves" and run.method is not None  # both read only now
+    moved = elsewhere / "moved"
+    moved.mkdir()
+    shutil.move(tmp_path / "data", moved / "data")
+    shutil.move(tmp_path / "results", moved / "results")
+    monkeypatch.chdir(tmp_path)
+    assert load_run(moved / folder).dataset.folder == moved / "data"
+
+
+def test_a_folder_of_results_is_refused_with_one_of_them(call, tmp_path: Path) -> None:
+    folder = call().folder
+    with pytest.raises(InputError, match=f"1 results below, expected the folder of one, such as {folder}"):
+        load_run(tmp_path / "results")
 
 
 def test_another_model_or_picture_than_the_kept_one_is_refused(call) -> None:

@@ -106,9 +106,9 @@ def test_images_that_do_not_fit_are_refused(entry: Metric) -> None:
         with pytest.raises(ValueError, match="expected"):
             entry.function(prediction, truth)
     integers = (255 * image).astype(np.uint8)
-    with pytest.raises(ValueError, match=r"^prediction: expected floating"):
+    with pytest.raises(ValueError, match=r"^prediction: found uint8, expected floats"):
         entry.function(integers, image)
-    with pytest.raises(ValueError, match=r"^truth: expected floating"):
+    with pytest.raises(ValueError, match=r"^truth: found uint8, expected floats"):
         entry.function(image, integers)
 
 

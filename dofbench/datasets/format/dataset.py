@@ -60,6 +60,10 @@ class DatasetView:
     exif: Exif | None = None
     has_mask: bool = False
 
+    def __repr__(self) -> str:
+        lens = "lens unknown" if self.lens is None else f"aperture {self.lens.aperture:g}, focus {self.lens.focus:g}"
+        return f"DatasetView({self.name!r}, {self.split}, {self.camera.width} x {self.camera.height} px, {lens})"
+
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
@@ -77,7 +81,7 @@ class Dataset:
     checksum: str
 
     @staticmethod
-    def load(folder: Path) -> Dataset:
+    def load(folder: Path | str) -> Dataset:
         """Open a dataset; reads its manifest, lenses, cameras and points, and decodes no image.
 
         Every file is compared with its checksum in the manifest (`dofbench.core.checksums`), so that `checksum` stands
@@ -129,6 +133,23 @@ class Dataset:
                 )
             )
         return Dataset(folder, manifest, lenses, tuple(found), scene.points, sha256_file(folder / MANIFEST))
+
+    def __repr__(self) -> str:
+        views = f"{len(self.training_views())} training and {len(self.test_views())} test views"
+        size = "".join(f" of {view.camera.width} x {view.camera.height} px" for view in self.views[:1])
+        return f"Dataset({self.name!r}, {views}{size}, in {self.folder})"
+
+    def _repr_html_(self) -> str:
+        from dofbench.core.notebook import as_html, disparity_picture
+
+        pictures = []
+        for view in (*self.test_views(), *self.training_views())[:1]:
+            pictures.append((f"{view.name}: image", self.image(view)))
+            if (sharp := self.all_in_focus(view)) is not None:
+                pictures.append(("all in focus", sharp))
+            if (depth := self.depth(view)) is not None:
+                pictures.append(("disparity", disparity_picture(depth)))
+        return as_html(repr(self), pictures)
 
     @property
     def name(self) -> str:

@@ -42,7 +42,7 @@ _WINDOW = 64  # pixels, side of the window of a view whose blur is recomputed
 _AGREEMENT = 1e-9  # tolerated relative difference between numbers of lens.json, which are float64
 
 
-def check_dataset(folder: Path) -> list[str]:
+def check_dataset(folder: Path | str) -> list[str]:
     """All problems of a dataset folder, one line each; empty for a valid dataset.
 
     Every file is compared with its checksum; the lens of every view is recomputed; a part of the most blurred view is

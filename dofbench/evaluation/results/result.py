@@ -297,6 +297,31 @@ class Result(Stored):
                 raise ValueError(f"{column} = {scores[column]}, expected a finite amount")
         return scores
 
+    def __repr__(self) -> str:
+        return f"Result({self.line()})"
+
+    def __str__(self) -> str:
+        return repr(self)
+
+    def _repr_html_(self) -> str:
+        from dofbench.core.notebook import as_html
+
+        return as_html(repr(self), scores=self.shown_scores())
+
+    def line(self) -> str:
+        """Method, preset, seed, dataset and how it ended, with PSNR where there is one."""
+        psnr = f", psnr {self.scores['psnr']:.2f} dB" if "psnr" in self.scores else ""
+        return (
+            f"{self.spec.method} {self.spec.preset} seed {self.spec.seed} on {self.spec.dataset}: {self.status}{psnr}"
+        )
+
+    def shown_scores(self) -> dict[str, str]:
+        """The scores of metrics by label, with their units, as tables round them."""
+        from dofbench.evaluation.metrics import METRICS
+
+        known = [METRICS[column] for column in self.scores if column in METRICS]
+        return {one.label: f"{self.scores[one.id]:.{one.digits}f} {one.unit}".strip() for one in known}
+
     @property
     def finished(self) -> bool:
         """Whether another run would repeat the outcome. A crash, or a lack of memory or time, may be the machine's."""
@@ -308,7 +333,7 @@ def write_result(folder: Path, result: Result) -> None:
     write_with_digest(folder / RESULT_FILE, result.model_dump(mode="python"))
 
 
-def read_result(path: Path) -> Result:
+def read_result(path: Path | str) -> Result:
     """Read a result.json, or the one in a folder; older schemas are migrated.
 
     Raises InputError if the file is missing, incomplete, not JSON, of a newer schema, or was changed later.

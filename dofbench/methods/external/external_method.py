@@ -164,8 +164,9 @@ class External:
         """The figures of figures.json."""
         return dict(self._figures)
 
-    def save(self, folder: Path) -> None:
+    def save(self, folder: Path | str) -> None:
         """Keep the images, the lenses, the figures and the log; not the program's own model."""
+        folder = Path(folder)
         if self._pictures.is_dir():
             shutil.copytree(self._pictures, folder / "pictures", dirs_exist_ok=True)
         for source in (self._model / LENSES_FILE, self._model / FIGURES_FILE, self._log):
@@ -173,7 +174,8 @@ class External:
                 shutil.copyfile(source, folder / source.name)
         write_json(folder / _KEPT, {"files": self._files, "photographs": list(self._lenses or ())})
 
-    def load(self, folder: Path) -> None:
+    def load(self, folder: Path | str) -> None:
+        folder = Path(folder)
         kept = read_json(folder / _KEPT)
         self._files = {key: inside(file, folder / _KEPT) for key, file in dict(kept["files"]).items()}
         self._figures = read_figures(folder)
