@@ -47,6 +47,11 @@ COMMANDS = {
     ),
     "report": Command("Write leaderboards and pages.", "reporting.report_options:Report", "reporting:report"),
     "render": Command("Render a film of a trained scene.", "viewing.render_options:Render", "viewing.render:render"),
+    "refocus": Command(
+        "Give one image another focus and aperture.",
+        "viewing.refocus_options:Refocus",
+        "viewing.refocus:refocus",
+    ),
     "methods": Command(
         "List the methods, or one's presets and options.", "cli.small_commands:Methods", "cli.small_commands:methods"
     ),

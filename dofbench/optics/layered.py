@@ -20,19 +20,29 @@ from dofbench.core.lens import LAYERS
 from dofbench.optics.depth_edges import near_depth_edges
 from dofbench.optics.mixed_pixels import MixedPixels, mixed_pixels
 
+_COARSE_RADIUS = 6.0  # least radius, pixels of the reduced resolution, of a layer that is blurred at one
+_MOST_HALVINGS = 4
 _SEAM = 2  # pixels around the region of the depth edges over which the two results are blended
 
 
 def layered_blur(
-    linear: Tensor, signed_radius: Tensor, scatter: Callable[[Tensor, Tensor], Tensor], *, layers: int = LAYERS
+    linear: Tensor,
+    signed_radius: Tensor,
+    scatter: Callable[[Tensor, Tensor], Tensor],
+    *,
+    layers: int = LAYERS,
+    coarse: bool = False,
 ) -> Tensor:
     """Blur `linear`, (H, W, 3) linear light, by `signed_radius`, (H, W) pixels, positive nearer; (H, W, 3).
 
     scatter: blurs an (H, W, C) image by an (H, W) radius and keeps constant images. layers: equal intervals of the
-    range of radii. Not differentiable. Raises ValueError for less than one layer, and the errors of `scatter`.
+    range of radii. coarse: blur a layer whose radii are large at a half, a quarter or less of the resolution, for large
+    images. Not differentiable. Raises ValueError for less than one layer, and the errors of `scatter`.
     """
     if layers < 1:
         raise ValueError(f"layers: expected at least 1, found {layers}")
+    if coarse and layers > 1:  # everywhere: no layer costs more than the scatter of all
+        return _composited(linear.numpy(), signed_radius.numpy(), scatter, layers, coarse=True)
     plain = scatter(linear, signed_radius)  # raises for a radius that isn't finite
     radius = signed_radius.numpy()
     edges = near_depth_edges(radius) if layers > 1 else np.zeros(radius.shape, dtype=bool)
@@ -43,7 +53,12 @@ def layered_blur(
 
 
 def _composited(
-    linear: np.ndarray, radius: np.ndarray, scatter: Callable[[Tensor, Tensor], Tensor], layers: int
+    linear: np.ndarray,
+    radius: np.ndarray,
+    scatter: Callable[[Tensor, Tensor], Tensor],
+    layers: int,
+    *,
+    coarse: bool = False,
 ) -> Tensor:
     least, most = float(radius.min()), float(radius.max())
 
@@ -59,26 +74,76 @@ def _composited(
     label = layer_of(radius)
     behind = torch.from_numpy(np.zeros_like(linear))
     for index in np.union1d(label, near_layer):
-        light, own = _layer(linear, radius, label, index, mixed.where(near_layer == index))
-        over = scatter(torch.from_numpy(light), torch.from_numpy(own))
+        factor = _reduction(radius[label == index]) if coarse else 1
+        if factor > 1:
+            over = _scattered_coarsely(linear, radius, label, index, scatter, factor)
+        else:
+            light, own = _layer(linear, radius, label, index, mixed.where(near_layer == index))
+            over = scatter(torch.from_numpy(light), torch.from_numpy(own))
         behind = over[..., :3] + (1 - over[..., 3:]) * behind
     return behind
 
 
+def _reduction(radius: np.ndarray) -> int:
+    """By how much the resolution of a layer with these radii may be reduced: a power of two."""
+    least = float(np.abs(radius).min()) if radius.size else 0.0
+    return 1 << int(np.clip(np.floor(np.log2(max(least, 1.0) / _COARSE_RADIUS)), 0, _MOST_HALVINGS))
+
+
+def _scattered_coarsely(
+    linear: np.ndarray,
+    radius: np.ndarray,
+    label: np.ndarray,
+    index: int,
+    scatter: Callable[[Tensor, Tensor], Tensor],
+    factor: int,
+) -> Tensor:
+    """Scattered light and opacity of one layer, (H, W, 4), computed at 1 / `factor` of the resolution.
+
+    Cells are averages over the layer's own pixels, so that no colour of another layer enters.
+    """
+    import cv2
+
+    height, width = radius.shape
+    padding = ((0, -height % factor), (0, -width % factor))
+    labels = np.pad(label, padding, mode="edge")[factor // 2 :: factor, factor // 2 :: factor]
+    size = labels.shape[::-1]
+    mine = np.pad(label == index, padding, mode="edge").astype(np.float32)
+    weight = cv2.resize(mine, size, interpolation=cv2.INTER_AREA)
+    known = weight > 0
+
+    def cells(values: np.ndarray) -> np.ndarray:
+        """Means over the layer's pixels, where there are some; elsewhere what lies in the middle."""
+        full = np.pad(values, (*padding, *[(0, 0)] * (values.ndim - 2)), mode="edge").astype(np.float32)
+        own = mine if values.ndim == 2 else mine[..., None]
+        total = cv2.resize(full * own, size, interpolation=cv2.INTER_AREA)
+        middle = full[factor // 2 :: factor, factor // 2 :: factor]
+        wide = known if values.ndim == 2 else known[..., None]
+        part = np.maximum(weight if values.ndim == 2 else weight[..., None], 1e-6)
+        return np.where(wide, total / part, middle)
+
+    small_radius = (cells(radius) / factor).astype(radius.dtype)
+    light, own = _layer(cells(linear).astype(linear.dtype), small_radius, labels, index, None)
+    over = scatter(torch.from_numpy(light), torch.from_numpy(own)).numpy()
+    enlarged = cv2.resize(over, (size[0] * factor, size[1] * factor), interpolation=cv2.INTER_LINEAR)
+    return torch.from_numpy(np.ascontiguousarray(enlarged[:height, :width]))
+
+
 def _layer(
-    linear: np.ndarray, radius: np.ndarray, label: np.ndarray, index: int, before: MixedPixels
+    linear: np.ndarray, radius: np.ndarray, label: np.ndarray, index: int, before: MixedPixels | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Light and opacity of one layer, (H, W, 4), and their radius, (H, W)."""
+    """Light and opacity of one layer, (H, W, 4), and their radius, (H, W). before: pixels that it covers in part."""
     seen = label <= index
     nearest = _nearest(seen)
     member = label.reshape(-1)[nearest] == index
     colour = np.where(seen[..., None], linear, _continued(linear, label == index)) if not seen.all() else linear
     light = np.concatenate([colour, np.ones_like(colour[..., :1])], axis=2) * member[..., None]
     own = radius.reshape(-1)[nearest]
-    light[before.rows, before.columns, :3] = before.near * before.share[:, None]
-    light[before.rows, before.columns, 3] = before.share
-    own[before.rows, before.columns] = before.near_radius
-    member[before.rows, before.columns] = True
+    if before is not None:
+        light[before.rows, before.columns, :3] = before.near * before.share[:, None]
+        light[before.rows, before.columns, 3] = before.share
+        own[before.rows, before.columns] = before.near_radius
+        member[before.rows, before.columns] = True
     if not member.all():
         # Pixels outside the layer are transparent, with the radius of its nearest pixel: the scattered opacity is the
         # share of the CoC that the layer covers.
