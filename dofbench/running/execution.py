@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import sys
 import traceback
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 
@@ -45,6 +47,7 @@ from dofbench.methods.cards import MethodEntry, find_method
 from dofbench.running.data_plan import decided, revised
 from dofbench.running.observer import OneStep, TrainingObserver
 from dofbench.running.plan import Plan
+from dofbench.running.training_log import LOG_FOLDER, TensorBoardLog, write_log
 from dofbench.runtime.device_host import feeding
 from dofbench.runtime.freed_memory import keep_freed_memory
 from dofbench.runtime.leases import Lease
@@ -93,6 +96,16 @@ def show_cached(console: Console, plan: Plan, result: Result) -> None:
     """Show a result that an earlier call has finished."""
     say(console, f"using the cached result (--rerun trains again): {plan.folder}")
     show_result(console, plan, result)
+    if plan.settings.log is not None and not (plan.folder / LOG_FOLDER).is_dir():
+        say(console, "no log of the cached result; --rerun trains again")
+    else:
+        show_log(console, plan)
+
+
+def show_log(console: Console, plan: Plan) -> None:
+    """Show the command that opens the run's log, if one was asked for."""
+    if plan.settings.log is not None:
+        say(console, f"log    tensorboard --logdir {shlex.quote(str(plan.folder / LOG_FOLDER))}")
 
 
 def show_result(console: Console, plan: Plan, result: Result) -> None:
@@ -190,6 +203,7 @@ class Execution:
             say(self.console, f"traceback in {self.folder / RESULT_FILE}")
         show_result(self.console, self.plan, result)
         say(self.console, f"result {self.folder / RESULT_FILE}")
+        show_log(self.console, self.plan)
         return status
 
     def _compiled(self) -> int:
@@ -202,25 +216,30 @@ class Execution:
         # An earlier result's files go before they are written anew: if this run dies, none is left half.
         for name in (RESULT_FILE, ADDED_FILE):
             (self.folder / name).unlink(missing_ok=True)
-        for name in (MODEL_FOLDER, PREDICTIONS_FOLDER):
+        for name in (MODEL_FOLDER, PREDICTIONS_FOLDER, LOG_FOLDER):
             shutil.rmtree(self.folder / name, ignore_errors=True)
         if not self.entry.card.elsewhere:
             self._warm_up(training_set)
         provenance.reset_peak_memory()
         clock, evaluating = self.stages[TRAIN], self.stages["evaluate during training"]
-        observer = TrainingObserver(self.budget, clock, evaluating, self.evaluator.quick, self.progress)
-        self.observer = observer
-        try:
-            with clock.running(), feeding(self.spec.device):
-                outcome = self.method.fit(training_set, self.budget, observer)
-        finally:
-            self.progress.close()
-        # The end alone is seen of a training elsewhere, so its first step says nothing about the budget.
-        failure = None if self.entry.card.elsewhere else observer.failure()
-        if failure is not None and outcome.status is Status.OK:
-            outcome = replace(outcome, status=failure[0], message=failure[1])
+        logging = nullcontext() if self.plan.settings.log is None else TensorBoardLog(self.folder / LOG_FOLDER)
+        with logging as log:
+            show, add = (None, None) if log is None else (log.show, log.add)
+            evaluate = partial(self.evaluator.quick, show)
+            observer = TrainingObserver(self.budget, clock, evaluating, evaluate, self.progress, add)
+            self.observer = observer
+            try:
+                with clock.running(), feeding(self.spec.device):
+                    outcome = self.method.fit(training_set, self.budget, observer)
+            finally:
+                self.progress.close()
+            # The end alone is seen of a training elsewhere, so its first step says nothing about the budget.
+            failure = None if self.entry.card.elsewhere else observer.failure()
+            if failure is not None and outcome.status is Status.OK:
+                outcome = replace(outcome, status=failure[0], message=failure[1])
+            if outcome.status is Status.OK:
+                observer.finish(outcome.steps)
         if outcome.status is Status.OK:
-            observer.finish(outcome.steps)
             self.lease.check()
             with self.stages["save model"].running():
                 (self.folder / MODEL_FOLDER).mkdir(parents=True, exist_ok=True)
@@ -278,6 +297,8 @@ class Execution:
             Status.OK, data["steps"], data["message"], (), data["method_stages"], data["left_out"], decisions
         )
         curve = [CurvePoint.model_validate(point) for point in data["curve"]]
+        if self.plan.settings.log is not None and not (self.folder / LOG_FOLDER).is_dir():
+            write_log(self.folder / LOG_FOLDER, curve)
         # Its pictures, of which some may be half, are made anew.
         shutil.rmtree(self.folder / PREDICTIONS_FOLDER, ignore_errors=True)
         return _Trained(outcome, curve, data["peak_mb"], data["compiled"], data["stages"])

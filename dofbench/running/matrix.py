@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import statistics
 from collections import Counter
 from collections.abc import Sequence
@@ -52,6 +53,8 @@ def run_all(settings: Runs, builtin: Path, console: Console | None = None, execu
     folders = ", ".join(dict.fromkeys(str(run.folder.parent) for run in runs))
     ok = f"{len(runs) - len(failures)} of {len(runs)} runs ok"
     say(console, f"{ok} in {folders}; report: dofbench report {settings.out}")
+    if settings.log is not None:
+        say(console, f"log    tensorboard --logdir {shlex.quote(str(settings.out))}")
     return not failures
 
 

@@ -41,12 +41,21 @@ class TrainingObserver:
     fields that are seen through a lens ray by ray, the earlier ones are skipped. A non-finite loss ends the training
     as diverged.
 
-    evaluate: scores of the method as it is now, by column.
+    evaluate: scores of the method as it is now, by column. log: called with each point of the curve; its time counts
+    neither as training nor as evaluation.
     """
 
-    def __init__(self, budget: Budget, clock: Stopwatch, evaluating: Stopwatch, evaluate: Evaluate, progress: Progress):
+    def __init__(
+        self,
+        budget: Budget,
+        clock: Stopwatch,
+        evaluating: Stopwatch,
+        evaluate: Evaluate,
+        progress: Progress,
+        log: Callable[[CurvePoint], object] | None = None,
+    ):
         self._budget, self._clock, self._evaluating = budget, clock, evaluating
-        self._evaluate, self._progress = evaluate, progress
+        self._evaluate, self._progress, self._log = evaluate, progress, log
         self._thresholds = [CURVE_FACTOR**-k for k in range(CURVE_POINTS, 0, -1)]
         self._losses: list[float] = []
         self._stopped = False
@@ -132,6 +141,9 @@ class TrainingObserver:
         self.curve.append(
             CurvePoint(train_s=seconds, train_cpu_s=self._clock.cpu, steps=step, loss=loss, scores=scores)
         )
+        if self._log is not None:
+            with self._clock.paused():
+                self._log(self.curve[-1])
 
 
 class OneStep:

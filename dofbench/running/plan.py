@@ -25,6 +25,7 @@ from dofbench.methods.cards import MethodEntry, find_method, preset_budget
 from dofbench.methods.frozen_presets import choices_digest
 from dofbench.methods.stages.facts import Facts, facts_of
 from dofbench.running.data_plan import DataPlan, plan_for_data
+from dofbench.running.training_log import check_logger
 from dofbench.training.common.options import content_digests
 
 
@@ -103,6 +104,7 @@ class Plan:
 
 def choose(run: RunSpec) -> Choices:
     """Method, preset, budget and device of a run. Raises InputError when the call is wrong."""
+    check_logger(run.log)
     entry = find_method(run.method)
     device = entry.device_for(run.device)
     preset, options, budget = entry.preset(run.preset, builtin=run.data is None, device=device)

@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -61,6 +61,9 @@ class RunOptions(CallOptions, WhichMethods):
     """Train on images with a shallow depth of field, or on the all-in-focus ones, under a protocol of their own."""
     force_all: bool = False
     """Run every stage, also those that the dataset doesn't need."""
+    log: Literal["tensorboard"] | None = None
+    """Write the learning curve for TensorBoard to the run's folder, with a test view at each point. Needs the extra
+    tensorboard."""
     rerun: bool = False
     """Train again even where a cached result of the same key exists."""
     out: Path = Path("results")
@@ -79,8 +82,8 @@ class RunSpec(RunOptions):
 
     def command(self) -> str:
         """The command line of this run, with the options that differ from their defaults; paths as the user gave
-        them."""
-        return command_line("run", self, without=("rerun", "dry_run", "verbose"))
+        them. A log changes no result."""
+        return command_line("run", self, without=("log", "rerun", "dry_run", "verbose"))
 
 
 def command_line(command: str, options: Any, *, without: Collection[str] = ()) -> str:
