@@ -56,6 +56,7 @@ COMMANDS = {
         "List the methods, or one's presets and options.", "cli.small_commands:Methods", "cli.small_commands:methods"
     ),
     "scenes": Command("List the scenes.", "cli.small_commands:Scenes", "cli.small_commands:scenes"),
+    "fetch": Command("Download a named dataset.", "datasets.fetching.fetch_options:Fetch", "datasets.fetching:fetch"),
     "make-dataset": Command(
         "Make a dataset with synthetic or real defocus.",
         "datasets.synthesis.dataset_options:MakeDatasets",

@@ -126,7 +126,8 @@ def print_scenes(folders: Sequence[Path] = (), data_root: Path | None = None) ->
         if scene.problem:
             print(f"no scene: {scene.problem}")
     whole = _print_named(root)
-    print(f"\nA scene is a built-in name, DATASET/SCENE, or a folder in one of the layouts {', '.join(LAYOUTS)}.")
+    layouts = ", ".join(LAYOUTS)
+    print(f"\nA scene is a built-in name, DATASET/SCENE or SCENE of a named one, or a folder in a layout of {layouts}.")
     return whole and all(scene.whole and not scene.problem for scene in listed)
 
 

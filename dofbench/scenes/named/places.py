@@ -115,6 +115,8 @@ def what_to_put(
     where = f"in {data_root}" if data_root is not None else f"in the folder that --data-root or {VARIABLE} names"
     command = made_by or dataset.made_by
     source = f"made by `{command}`" if command else f"from {dataset.origin}"
+    if dataset.archives:
+        source += f", or by `dofbench fetch {dataset.id}`"
     return f"{folders.replace(SCENE, 'SCENE')} {where}; {source}"
 
 
@@ -188,7 +190,7 @@ def _known(
         # A built-in folder says its layout and its split itself.
         layout="auto" if source.built_in else str(source.layout),
         hold=None if source.built_in else original.hold or source.hold,
-        images=source.images,
+        images=original.images or source.images,
         recipe=Recipe(
             focus=dataset.recipe.focus,
             aperture=dataset.recipe.aperture,

@@ -70,13 +70,29 @@ class Rendered(_Record):
     seed: NonNegativeInt
 
 
+class Archive(_Record):
+    """A zip file of scenes that `dofbench fetch` downloads.
+
+    url: its address. stated_by: who gives address and checksum. sha256: as published; None where nobody publishes one.
+    into: the folder below the data root that it is unpacked into; None for the data root. scenes: those in it; empty
+    for all of the dataset.
+    """
+
+    url: Annotated[str, StringConstraints(pattern=r"^https?://[^/]+/.+")]
+    stated_by: Text
+    sha256: Checksum | None = None
+    into: Folder | None = None
+    scenes: tuple[Name, ...] = ()
+
+
 class NamedScene(_Record):
     """One scene; its entries override its dataset's.
 
     role: permitted use (`dofbench.core.evidence`). of: `ID/SCENE` of another dataset with the same images; then it has
     no folders of its own. folders: below the data root, first choice first. hold: views 0, hold, 2 hold, ... are test
-    views. views: required number. size: width and height of the images read by default, pixels. sha256: of files that
-    identify it. rendered: recipe and seed of a scene of make-scene. made_by: the command that makes it.
+    views. images: folder of its images, as in `NamedDataset`. views: required number. size: width and height of the
+    images read by default, pixels. sha256: of files that identify it. rendered: recipe and seed of a scene of
+    make-scene. made_by: the command that makes it.
     """
 
     name: Name
@@ -84,6 +100,7 @@ class NamedScene(_Record):
     of: Label | None = None
     folders: tuple[Folder, ...] = ()
     hold: Hold | None = None
+    images: Folder | None = None
     views: PositiveInt | None = None
     size: tuple[PositiveInt, PositiveInt] | None = None
     sha256: dict[Folder, Checksum] = {}
@@ -106,8 +123,8 @@ class NamedDataset(_Record):
     the file, not below a data root. made_by: the command that makes it. layout: the reader of its scenes, except those
     `of` others. images: folder of images inside a scene, where it isn't the layout's own. folders: as
     `NamedScene.folders`, with {scene} for the scene's name. marker: every folder that fits `folders` and has this file
-    or folder is a scene. expected: their number. recipes: of make-scene, with any seed that no scene names. notes: what
-    was verified, and what wasn't.
+    or folder is a scene. expected: their number. recipes: of make-scene, with any seed that no scene names. archives:
+    downloads with its scenes. by_hand: what to click, where there is none. notes: what was verified, and what wasn't.
     """
 
     id: Name
@@ -129,6 +146,8 @@ class NamedDataset(_Record):
     recipe: Recipe = Recipe()
     scenes: tuple[NamedScene, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
+    archives: tuple[Archive, ...] = ()
+    by_hand: Text | None = None
     notes: Text | None = None
 
     @model_validator(mode="after")
@@ -150,9 +169,12 @@ class NamedDataset(_Record):
             places = bool(scene.folders or self.folders)
             if scene.of is None and not places:
                 raise ValueError(f"{scene.name} has no folders")
-            own = places or scene.hold or scene.views or scene.size or scene.sha256 or scene.rendered or scene.made_by
-            if scene.of is not None and (own or scene.role or self.role):
+            own = (scene.hold, scene.images, scene.views, scene.size, scene.sha256, scene.rendered, scene.made_by)
+            if scene.of is not None and (places or any(own) or scene.role or self.role):
                 raise ValueError(f"{scene.name} is {scene.of}, which says everything but its note")
+        for archive in self.archives:
+            if unknown := set(archive.scenes) - set(names):
+                raise ValueError(f"an archive of {', '.join(sorted(unknown))}, which is no scene here")
         return self
 
     def role_of(self, scene: NamedScene) -> Role | None:

@@ -30,14 +30,14 @@ def photograph(tmp_path_factory, write_images):
 
 @pytest.fixture
 def write_scene(photograph, make_cameras, make_cloud):
-    """`write_scene(folder, layout, count)`: a scene in just that layout."""
+    """`write_scene(folder, layout, count, folder_of_images)`: a scene in just that layout."""
 
     def images(folder, names):
         folder.mkdir(parents=True)
         for name in names:
             (folder / name).hardlink_to(photograph)
 
-    def write(root, layout, count):
+    def write(root, layout, count, folder="images"):
         names = [f"{index:05d}.png" for index in range(count)]
         cameras = make_cameras(count, size=(2 * SIZE[0], 2 * SIZE[1]))
         cloud = make_cloud(cameras)
@@ -48,7 +48,7 @@ def write_scene(photograph, make_cameras, make_cloud):
             write_colmap(root, names, cameras, cloud)
         elif layout == "colmap":
             # As 3DGS ships Tanks and Temples: images smaller than their cameras.
-            images(root / "images", names)
+            images(root / folder, names)
             write_colmap(root, names, cameras, cloud)
         elif layout == "nerfstudio":
             images(root / "images", names)
@@ -76,7 +76,7 @@ def test_every_named_scene_is_found_and_read(tmp_path, write_scene, dataset, sce
     # Large scenes are written with fewer images than required, since 300 images wouldn't test more.
     count = min(original.views or COUNT, COUNT)
     root = tmp_path / source.candidates(original)[0]
-    write_scene(root, str(source.layout), count)
+    write_scene(root, str(source.layout), count, original.images or "images")
     if original.rendered is not None:
         made = {"schema": "dofbench-scene", "recipe": original.rendered.recipe, "seed": original.rendered.seed}
         (root / "scene.json").write_text(json.dumps(made))

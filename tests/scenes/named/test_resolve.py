@@ -104,6 +104,28 @@ def test_all_scenes_of_a_dataset_with_those_that_are_absent(shelf):
         fern.load()
 
 
+def test_a_short_name_is_the_scene_of_that_name(shelf):
+    assert resolve("orchids", shelf) == resolve("llff/orchids", shelf)
+    assert resolve("cups", shelf)[0].label == "deblur-nerf-real/cups"
+    # Also of sets whose scenes are found by a marker; a set's own name comes first.
+    (shelf / "dof_nerf" / "plant").mkdir(parents=True)
+    (shelf / "dof_nerf" / "plant" / "poses_bounds.npy").touch()
+    assert resolve("plant", shelf)[0].label == "dof-nerf/plant"
+    assert resolve("tabletop", shelf)[0].label == "tabletop"
+
+
+def test_of_scenes_of_one_name_the_one_that_is_here_counts(shelf):
+    with pytest.raises(
+        InputError, match="room: found a name of several scenes, expected one of llff/room, .*real/room"
+    ):
+        resolve("room", shelf)
+    (shelf / "llff_room").mkdir()
+    assert resolve("room", shelf)[0].label == "llff/room"
+    (shelf / "report" / "real_room").mkdir(parents=True)
+    with pytest.raises(InputError, match="expected one of llff/room, real/room$"):
+        resolve("room", shelf)
+
+
 def test_a_scene_of_the_papers_set_is_its_source_with_both_citations(shelf):
     paper, source = resolve("dof-gaussian/orchids", shelf)[0], resolve("llff/orchids", shelf)[0]
     assert paper.root == source.root and paper.reading() == source.reading()
