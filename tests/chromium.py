@@ -22,7 +22,6 @@ _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable
 _FLAGS = (
     "--headless",
     "--no-sandbox",
-    "--disable-gpu",
     "--disable-quic",
     "--no-first-run",
     "--disable-background-networking",
@@ -34,6 +33,8 @@ _FLAGS = (
     "--no-default-browser-check",
     "--remote-debugging-port=0",
 )
+# WebGL without a GPU.
+_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 _PATIENCE = 240.0  # s, timeout for a start or an answer on a busy machine
 
 
@@ -60,9 +61,9 @@ class Page:
                 return message["result"]
             self._note(message)
 
-    def open(self, file: Path) -> None:
-        """Load a file and wait until it is there."""
-        self.call("Page.navigate", url=file.resolve().as_uri())
+    def open(self, place: Path | str) -> None:
+        """Load a file, or an address, and wait until it is there."""
+        self.call("Page.navigate", url=place if isinstance(place, str) else place.resolve().as_uri())
         self.wait("document.readyState === 'complete'")
 
     def run(self, script: str) -> Any:
@@ -84,6 +85,14 @@ class Page:
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=phone)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.call("Emulation.setEmulatedMedia", features=[scheme])
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float], steps: int = 10) -> None:
+        """Press the left button at `start`, move to `end`, and release it."""
+        self.mouse("pressed", *start)
+        for step in range(1, steps + 1):
+            x, y = (a + (b - a) * step / steps for a, b in zip(start, end, strict=True))
+            self.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y, button="left", buttons=1)
+        self.mouse("released", *end)
 
     def mouse(self, kind: str, x: float, y: float) -> None:
         """A mouse event; kind: moved, pressed or released, with the left button."""
@@ -132,13 +141,14 @@ def find_chromium() -> str:
 
 
 @contextmanager
-def browser() -> Iterator[Page]:
-    """A page of a browser of its own, with an empty profile; both are gone afterwards."""
+def browser(*, webgl: bool = False) -> Iterator[Page]:
+    """A page of a browser of its own, with an empty profile; both are gone afterwards. webgl: in software."""
     from websockets.sync.client import connect
 
     program = find_chromium()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        command = [program, *_FLAGS, f"--user-data-dir={profile}", "about:blank"]
+        drawing = _WEBGL if webgl else ("--disable-gpu",)
+        command = [program, *_FLAGS, *drawing, f"--user-data-dir={profile}", "about:blank"]
         process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,

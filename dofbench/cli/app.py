@@ -46,6 +46,9 @@ COMMANDS = {
         "Train methods on datasets and score them.", "running.run_options:Runs", "cli.run_methods:run_methods"
     ),
     "report": Command("Write leaderboards and pages.", "reporting.report_options:Report", "reporting:report"),
+    "view": Command(
+        "Look at trained scenes and datasets in the browser.", "viewing.view_options:View", "viewing.view:view"
+    ),
     "render": Command("Render a film of a trained scene.", "viewing.render_options:Render", "viewing.render:render"),
     "refocus": Command(
         "Give one image another focus and aperture.",

@@ -21,8 +21,8 @@ class Refocus:
     out: Path | None = None
     """Image to write, .png or .exr (linear light). Default: NAME-refocused.png in the current folder."""
     depth: str = "onnx:depthnet"
-    """onnx:NETWORK.onnx with its description NETWORK.onnx.toml (docs/viewing.md), onnx:depthnet (built in, inaccurate), or
-    a file of z-depth: EXR, 16-bit PNG, npy, COLMAP's .bin."""
+    """onnx:NETWORK.onnx with its description NETWORK.onnx.toml (docs/viewing.md), onnx:depthnet (built in, inaccurate),
+    or a file of z-depth: EXR, 16-bit PNG, npy, COLMAP's .bin."""
     depth_unit: Annotated[float, Field(gt=0)] | None = None
     """Metres per unit of a depth file. Without it, its depth has no scale, and --f-number isn't possible."""
     at: NumberSequence[Annotated[float, Field(ge=0, le=1)]] = (0.5, 0.5)

@@ -1,0 +1,179 @@
+"""What the viewer shows: a finished run, a dataset, or Gaussians in a PLY."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from dofbench.core.cameras import Camera
+from dofbench.core.contracts import Rendering
+from dofbench.core.errors import InputError
+from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
+from dofbench.datasets.format.dataset import Dataset
+from dofbench.datasets.format.schema import MANIFEST
+from dofbench.evaluation.results.result import RESULT_FILE
+from dofbench.evaluation.scoring.resolved import ResolvedCircles, photographs_of
+from dofbench.running.load_run import LoadedRun, load_run
+from dofbench.running.model import renderer
+from dofbench.viewing import camera_paths
+from dofbench.viewing.render import disparity_range
+
+_FIELD = 50.0  # degrees, vertical field of view for Gaussians without cameras
+_EXPECTED = "a run's folder, a dataset's folder, or a .ply of Gaussians"
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """An image of the scene by a known camera. split: "train" or "test". read: (H, W, 3), encoded."""
+
+    name: str
+    split: str
+    camera: Camera
+    read: Callable[[], np.ndarray] = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """One scene that can be looked at.
+
+    name: for people. scene: what must be equal for subjects shown together, "" for any. photographs: at least one
+    camera to start from. up: (3,) unit vector. bounds: disparities that focus is set between. opening: half the width
+    of the lens's opening to start with, scene units. f_scale: f-number times half opening, scene units, None where no
+    f-number is known. render: None where nothing can be rendered from other cameras.
+    """
+
+    name: str
+    scene: str
+    photographs: tuple[Photograph, ...]
+    up: np.ndarray
+    bounds: DisparityRange
+    opening: float
+    f_scale: float | None = None
+    render: Callable[[Camera, PhysicalLens | None, ApertureShape], Rendering] | None = None
+    points: tuple[np.ndarray, np.ndarray] | None = None
+    circles: Callable[[], ResolvedCircles] | None = None
+
+    @cached_property
+    def resolved(self) -> ResolvedCircles | None:
+        """For the map of resolved surfaces; None without learned lenses. The first time it takes a while."""
+        return None if self.circles is None else self.circles()
+
+
+def open_subjects(places: Sequence[Path]) -> list[Subject]:
+    """The subjects in these places. Raises InputError for other things, and for several that are of several scenes."""
+    subjects = [open_subject(place) for place in places]
+    scenes = {subject.scene: place for subject, place in zip(subjects, places, strict=True) if subject.scene}
+    if len(scenes) > 1:
+        first, second, *_ = scenes.values()
+        raise InputError(second, f"another scene than {first}", "results of one dataset, to show them together")
+    if len(subjects) > 1 and any(subject.render is None for subject in subjects):
+        raise InputError(places[0], "a dataset besides others", "one dataset alone, or results")
+    return subjects
+
+
+def open_subject(place: Path) -> Subject:
+    """The subject in one place."""
+    if place.suffix.lower() == ".ply" and place.is_file():
+        return _of_splats(place)
+    if place.name == RESULT_FILE or (place / RESULT_FILE).is_file():
+        return _of_run(load_run(place))
+    if (place / MANIFEST).is_file():
+        return _of_dataset(Dataset.load(place))
+    raise InputError(place, "none of these" if place.exists() else "no such file or folder", _EXPECTED)
+
+
+def _of_run(run: LoadedRun) -> Subject:
+    dataset, method = run.dataset, run.method
+    photographs = _photographs(dataset)
+    first = photographs[0].camera
+    bounds = disparity_range(method, dataset, first)
+    cameras = {view.name: view.camera for view in dataset.training_views()}
+    learned = {name: lens for name, lens in (method.lens_estimates() or {}).items() if name in cameras}
+    openings = {name: lens.half_opening(cameras[name]) for name, lens in learned.items()}
+    numbers = {view.name: view.exif.f_number for view in dataset.training_views() if view.exif is not None}
+    scales = [opening * number for name, opening in openings.items() if (number := numbers.get(name))]
+    usual = Lens(1.0, 0.0).physical(bounds, first.width).half_opening(first)
+    opening = float(np.median(list(openings.values()))) if openings else usual
+    return Subject(
+        name=f"{run.result.spec.method}, {run.result.spec.preset}",
+        scene=dataset.checksum,
+        photographs=photographs,
+        up=camera_paths.mean_up([photograph.camera for photograph in photographs]),
+        bounds=bounds,
+        opening=opening if opening > 0 else usual,
+        f_scale=float(np.median(scales)) if scales and np.median(scales) > 0 else None,
+        render=lambda camera, lens, shape: renderer(method, shape)(camera, lens),
+        circles=(lambda: ResolvedCircles(method, photographs_of(cameras, learned))) if learned else None,
+    )
+
+
+def _of_dataset(dataset: Dataset) -> Subject:
+    photographs = _photographs(dataset)
+    first = photographs[0].camera
+    bounds = dataset.disparity_range or _range_of_points(dataset, first)
+    lenses = [view.physical_lens.half_opening(view.camera) for view in dataset.views if view.physical_lens is not None]
+    usual = Lens(1.0, 0.0).physical(bounds, first.width).half_opening(first)
+    points = dataset.points
+    return Subject(
+        name=dataset.name,
+        scene=dataset.checksum,
+        photographs=photographs,
+        up=camera_paths.mean_up([photograph.camera for photograph in photographs]),
+        bounds=bounds,
+        opening=float(np.median(lenses)) if lenses and np.median(lenses) > 0 else usual,
+        points=None if points is None else (points.xyz.astype(np.float32), (points.rgb * 255).astype(np.uint8)),
+    )
+
+
+def _photographs(dataset: Dataset) -> tuple[Photograph, ...]:
+    """The views, test views first: they are what a method hasn't been trained on."""
+
+    def reader(name: str) -> Callable[[], np.ndarray]:
+        return lambda: dataset.image(name)
+
+    views = (*dataset.test_views(), *dataset.training_views())
+    return tuple(Photograph(view.name, view.split, view.camera, reader(view.name)) for view in views)
+
+
+def _range_of_points(dataset: Dataset, camera: Camera) -> DisparityRange:
+    if dataset.points is None or not len(dataset.points):
+        return DisparityRange(0.1, 1.0)
+    _, depth = camera.project(dataset.points.xyz)
+    return DisparityRange.of_disparity(1 / depth[depth > 0])
+
+
+def _of_splats(file: Path) -> Subject:
+    """Gaussians of any program, with a camera in front of them, y down as in COLMAP."""
+    from dofbench.training.gaussians.gaussian_options import GaussianOptions
+    from dofbench.training.gaussians.lens_renderer import LensRenderer
+    from dofbench.training.gaussians.splats import read_splats
+
+    options = GaussianOptions.of()
+    gaussians = read_splats(file)
+    model = LensRenderer(gaussians, options)
+    means = gaussians.parameters["means"].numpy(force=True).astype(np.float64)
+    middle = np.median(means, axis=0)
+    reach = float(np.quantile(np.linalg.norm(means - middle, axis=1), 0.7)) or 1.0
+    focal = 0.5 * 720 / np.tan(np.radians(_FIELD) / 2)
+    pose = np.eye(4)
+    pose[:3, 3] = -(middle - (0, 0, 1.5 * reach))
+    camera = Camera(1080, 720, focal, focal, 540.0, 360.0, pose)
+    bounds = DisparityRange(1 / (3 * reach), 1 / (0.5 * reach))
+
+    def render(camera: Camera, lens: PhysicalLens | None, shape: ApertureShape) -> Rendering:
+        from dofbench.core.blur import Blur
+        from dofbench.optics.defocus import defocus_numpy
+
+        sharp = model.render(camera, None)
+        if lens is None:
+            return sharp
+        blur = Blur(shape=shape, renderer="layered")
+        return replace(sharp, image=defocus_numpy(sharp.image, sharp.depth, lens, blur)[0])
+
+    start = Photograph("start", "train", camera, lambda: np.zeros((720, 1080, 3), np.float32))
+    usual = Lens(1.0, 0.0).physical(bounds, camera.width).half_opening(camera)
+    return Subject(file.stem, "", (start,), np.array([0.0, -1.0, 0.0]), bounds, usual, render=render)

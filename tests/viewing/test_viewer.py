@@ -1,0 +1,96 @@
+"""The viewer in a browser: by clicking, dragging, typing and reading pixels."""
+
+from __future__ import annotations
+
+import http.client
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from chromium import Page, browser
+
+from dofbench.core.images import read_image
+from dofbench.core.jobs import Outcome
+from dofbench.viewing.keyframes import read_keyframes
+from dofbench.viewing.view import viewing
+from dofbench.viewing.view_options import View
+
+pytestmark = pytest.mark.slow
+pytest.importorskip("viser", reason="no package viser: pip install dofbench[view]")
+CANVAS = 380  # px, of the window's width, left of the controls
+AT_REST = "document.body.innerText.includes('at rest')"
+
+
+@pytest.fixture
+def page(call: Callable[..., Outcome], tmp_path: Path) -> Iterator[Page]:
+    """The viewer of a run of the fake method, at rest."""
+    with (
+        viewing(View(what=(call().folder,), port=8400, keyframes=tmp_path / "keys.json")) as address,
+        browser(webgl=True) as page,
+    ):
+        page.size(700, 600)
+        page.open(address)
+        page.wait(AT_REST)
+        yield page
+
+
+def pixels(page: Page, folder: Path) -> np.ndarray:
+    """The canvas, once a picture at rest has arrived after the last change."""
+    page.wait("!document.body.innerText.includes('moving')")
+    before = None
+    for _ in range(100):
+        time.sleep(0.3)
+        page.picture(folder / "page.png")
+        now = read_image(folder / "page.png")[200:, :CANVAS]
+        if before is not None and np.array_equal(before, now) and page.run(AT_REST):
+            return now
+        before = now
+    raise AssertionError("never at rest")
+
+
+def test_a_click_focuses_and_a_drag_moves(page: Page, tmp_path: Path) -> None:
+    first = pixels(page, tmp_path)
+    assert first.std() > 0.02, "a picture, not an empty page"
+    told = page.run("document.body.innerText")
+    page.mouse("pressed", 150, 350)
+    page.mouse("released", 150, 350)
+    page.wait("!document.body.innerText.includes('focus at 2.86 ')")
+    focused = pixels(page, tmp_path)
+    assert page.run("document.body.innerText") != told, "the depth in focus is told"
+    page.drag((150, 350), (190, 330))
+    moved = pixels(page, tmp_path)
+    assert np.abs(moved - focused).mean() > 0.01
+    assert not [error for error in page.errors if "deprecated" not in error and "GPU stall" not in error]
+
+
+def test_keyframes_are_saved_for_a_film(page: Page, tmp_path: Path) -> None:
+    def press(text: str) -> None:
+        page.run(f"[...document.querySelectorAll('button')].find(one => one.innerText.includes({text!r})).click()")
+
+    page.run("[...document.querySelectorAll('*')].filter(one => one.innerText === 'Film').pop().click()")
+    page.wait("[...document.querySelectorAll('button')].some(one => one.innerText.includes('add keyframe'))")
+    press("add keyframe")
+    page.wait("document.body.innerText.includes('1 keyframes')")
+    page.drag((150, 350), (200, 330))
+    page.wait(AT_REST)
+    press("add keyframe")
+    page.wait("document.body.innerText.includes('2 keyframes')")
+    press("save keyframes")
+    page.wait("document.body.innerText.includes('dofbench render')")
+    first, second = read_keyframes(tmp_path / "keys.json")
+    assert (first.moment, second.moment) == (0, 1) and first.camera_to_world != second.camera_to_world
+    assert first.half_opening == pytest.approx(5.0 / 200.0, rel=0.02)
+
+
+def test_a_stranger_sees_nothing(call: Callable[..., Outcome]) -> None:
+    settings = View(what=(call().folder,), host="0.0.0.0", port=8450, token="a" * 20)
+    with viewing(settings) as address:
+        connection = http.client.HTTPConnection("127.0.0.1", 8450, timeout=20)
+        connection.request("GET", "/")
+        assert connection.getresponse().status == 403
+        with browser(webgl=True) as page:
+            page.size(700, 600)
+            page.open(address.replace("0.0.0.0", "127.0.0.1"))
+            page.wait(AT_REST)
