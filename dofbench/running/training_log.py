@@ -25,8 +25,8 @@ def check_logger(logger: str | None) -> None:
 class TensorBoardLog:
     """Writes points of a learning curve to a folder, with the views rendered for them; use it in a `with` block.
 
-    Scalars are written in double precision: the event file has the numbers of result.json. Nothing is rendered for the
-    log, since a rendering could draw random numbers and so change the training.
+    Scalars are the numbers of result.json, rounded to single precision: TensorBoard's data server drops doubles.
+    Nothing is rendered for the log, since a rendering could draw random numbers and so change the training.
     """
 
     def __init__(self, folder: Path):
@@ -56,7 +56,7 @@ class TensorBoardLog:
         scalars |= {f"scores/{column}": value for column, value in point.scores.items()}
         for tag, value in scalars.items():
             if value is not None:
-                self._writer.add_scalar(tag, value, point.steps, new_style=True, double_precision=True)
+                self._writer.add_scalar(tag, value, point.steps)
         for tag, image in self._images.items():
             shown = to_8bit(np.nan_to_num(image, nan=0.0, posinf=0.0, neginf=0.0))
             self._writer.add_image(tag, shown, point.steps, dataformats="HWC")

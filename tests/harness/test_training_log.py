@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 import io
+import json
+import re
+import subprocess
+import sys
 import time
+import urllib.request
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +17,7 @@ import pytest
 from harness_fakes import text_console
 from PIL import Image
 from small_dataset import write_dataset
-from tensorboard.backend.event_processing.event_accumulator import IMAGES, TENSORS, EventAccumulator
-from tensorboard.util.tensor_util import make_ndarray
+from tensorboard.backend.event_processing.event_accumulator import IMAGES, SCALARS, EventAccumulator
 
 from dofbench.core.errors import InputError
 from dofbench.evaluation.results.result import CurvePoint, Result, read_result
@@ -24,26 +28,23 @@ from dofbench.running.training_log import LOG_FOLDER, TensorBoardLog
 
 
 def events(folder: Path) -> EventAccumulator:
-    return EventAccumulator(str(folder), size_guidance={TENSORS: 0, IMAGES: 0}).Reload()
+    return EventAccumulator(str(folder), size_guidance={SCALARS: 0, IMAGES: 0}).Reload()
 
 
 def scalars(read: EventAccumulator) -> dict[str, list[tuple[int, float]]]:
     """(step, value) of every scalar by tag."""
-    return {
-        tag: [(event.step, make_ndarray(event.tensor_proto).item()) for event in read.Tensors(tag)]
-        for tag in read.Tags()["tensors"]
-    }
+    return {tag: [(event.step, event.value) for event in read.Scalars(tag)] for tag in read.Tags()["scalars"]}
 
 
 def scalars_of(curve: list[CurvePoint]) -> dict[str, list[tuple[int, float]]]:
-    """The same of a curve."""
+    """The same of a curve, in single precision."""
     values: dict[str, list[tuple[int, float]]] = {}
     for point in curve:
         one = {"loss": point.loss, "time/train_s": point.train_s, "time/train_cpu_s": point.train_cpu_s}
         one |= {f"scores/{column}": score for column, score in point.scores.items()}
         for tag, value in one.items():
             assert value is not None
-            values.setdefault(tag, []).append((point.steps, value))
+            values.setdefault(tag, []).append((point.steps, float(np.float32(value))))
     return values
 
 
@@ -61,6 +62,32 @@ def test_the_log_has_the_numbers_of_the_curve(call) -> None:
     result = read_result(end.folder)
     assert len(result.curve) > 3
     assert scalars(events(end.folder / LOG_FOLDER)) == scalars_of(result.curve)
+
+
+@pytest.mark.slow
+def test_tensorboard_shows_it(call) -> None:
+    """Its server of data, which is another program than the reader above, drops what it doesn't expect."""
+    end = call(log="tensorboard")
+    server = subprocess.Popen(
+        [sys.executable, "-m", "tensorboard.main", "--logdir", str(end.folder), "--port", "0"],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert server.stderr is not None
+        address = next(found[0] for line in server.stderr if (found := re.findall(r"http://localhost:\d+", line)))
+
+        def told(place: str) -> dict:
+            with urllib.request.urlopen(f"{address}/data/plugin/{place}/tags") as answer:
+                return json.load(answer).get(LOG_FOLDER, {})
+
+        until = time.monotonic() + 60
+        while not (scores := told("scalars")) and time.monotonic() < until:
+            time.sleep(0.2)
+    finally:
+        server.terminate()
+        server.communicate()
+    assert {"loss", "scores/psnr", "scores/aif_ssim", "time/train_s"} <= scores.keys()
 
 
 def test_the_log_shows_a_test_view_at_every_point(call) -> None:
@@ -110,7 +137,7 @@ def test_a_log_holds_one_training(call, monkeypatch: pytest.MonkeyPatch) -> None
         with pytest.raises(KeyboardInterrupt):
             call(log="tensorboard")
     (left,) = (folder for folder in Path(call(dry_run=True).folder).iterdir() if folder.name == LOG_FOLDER)
-    assert events(left).Tags()["tensors"]
+    assert events(left).Tags()["scalars"]
     end = call(log="tensorboard")
     assert end.folder == left.parent
     assert scalars(events(left)) == scalars_of(read_result(end.folder).curve)
