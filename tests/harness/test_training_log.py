@@ -102,6 +102,17 @@ def test_the_log_shows_a_test_view_at_every_point(call) -> None:
     np.testing.assert_array_equal(shown, truth)
 
 
+def test_photographs_of_unknown_lens_are_shown_as_they_are_predicted(call, tmp_path: Path) -> None:
+    views = [f"v{index}" for index in range(6)]
+    data = write_dataset(tmp_path / "photographs", name="seal", unknown=views, blurred=views, flat=views)
+    end = call(data=data, log="tensorboard")
+    read, steps = events(end.folder / LOG_FOLDER), [point.steps for point in read_result(end.folder).curve]
+    (tag,) = read.Tags()["images"]
+    assert [image.step for image in read.Images(tag)] == steps
+    shown = np.asarray(Image.open(io.BytesIO(read.Images(tag)[-1].encoded_image_string)))
+    assert shown.shape == np.asarray(Image.open(end.folder / "predictions" / f"{tag}.png")).shape
+
+
 def test_a_log_changes_no_bit_of_the_run(call, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nor does it render: a method whose renderings draw random numbers would train on with others."""
     rendered = []

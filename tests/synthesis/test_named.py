@@ -18,7 +18,7 @@ from dofbench.core.images import write_png
 from dofbench.core.progress import Silent
 from dofbench.datasets.synthesis import check_dataset, make_dataset
 from dofbench.datasets.synthesis.builder import find_scene, read_scene
-from dofbench.datasets.synthesis.dataset_options import MakeDataset
+from dofbench.datasets.synthesis.dataset_options import MakeDataset, MakeDatasets
 from dofbench.datasets.synthesis.several_datasets import planned
 from dofbench.scenes.export import write_poses_bounds
 
@@ -48,6 +48,8 @@ def test_a_named_scene_becomes_a_dataset_that_its_own_command_makes_again(
     (again,), _ = planned(replace(again, data_root=shelf, out=tmp_path / "again"))
     again = make_dataset(again, progress=Silent())
     assert contents(again) == contents(folder)
+    (short,), _ = planned(MakeDatasets(scenes=("planes",), width=64, data_root=shelf, out=tmp_path / "short"))
+    assert contents(make_dataset(short, progress=Silent())) == contents(folder)
 
 
 def write_poses(root: Path, count: int) -> None:
