@@ -83,7 +83,7 @@ class Reader(HTMLParser):
 
     def handle_data(self, text: str) -> None:
         inside = self.open[-1] if self.open else ""
-        if inside == "script" and not self.data:
+        if inside == "script" and text.startswith("{"):
             self.data = text
         if inside not in ("script", "style"):
             self.texts.append(text)

@@ -238,6 +238,11 @@ def write_png(path: Path | str, image: np.ndarray, *, bits: int = 8) -> None:
     _write(path, pixels, "uint8", {"png:compressionLevel": 6})
 
 
+def write_webp(path: Path, image: np.ndarray, quality: int = 85) -> None:
+    """Write an encoded image (H, W, 3), floats in [0, 1], as lossy WebP, atomically; quality: 0 to 100."""
+    _write(path, to_8bit(image), "uint8", {"Compression": f"webp:{quality}"})
+
+
 def write_grey_png(path: Path, values: np.ndarray) -> None:
     """Write (H, W) values in [0, 1] as PNG of one channel, 8 bit, atomically; the same values give the same bytes."""
     _write(path, to_8bit(values)[..., None], "uint8", {"png:compressionLevel": 6})

@@ -160,15 +160,15 @@ def write_strip(path: Path, pictures: BoardPictures) -> str | None:
 def strip_lines(pictures: BoardPictures) -> list[list[Panel]] | str:
     """The panels of a board's first test view in lines of `_ACROSS`: of each kind the truth and the runs, best first; a
     run without a picture of any kind has its reason instead. The reason instead, if a truth is missing. Raises
-    InputError when a truth has changed."""
+    InputError when a truth can't be read."""
     kinds = pictures.views[0].kinds
     nowhere = {run.name for run in kinds[0].runs} - {run.name for kind in kinds for run in kind.runs if run.picture}
     lines: list[list[Panel]] = []
     for kind in kinds:
         if kind.truth is None:
             return kind.reason
-        panels = [Panel(kind.truth(), f"truth, {kind.title}", below=OF_ERRORS)]
-        panels += [_panel(run) for run in sorted(kind.runs, key=_rank) if run.picture or run.name in nowhere]
+        panels = [Panel(read_image(kind.truth), f"truth, {kind.title}", below=OF_ERRORS)]
+        panels += [_panel(run) for run in kind.best_first if run.picture or run.name in nowhere]
         lines += [panels[start : start + _ACROSS] for start in range(0, len(panels), _ACROSS)]
     return lines
 
@@ -178,12 +178,6 @@ def _panel(run: RunPictures) -> Panel:
         return Panel(None, textwrap.fill(f"{run.name}: {run.reason}", _LINE))
     score = "".join(f"{heading} {value}" for heading, value in run.scores[:1])
     return Panel(read_image(run.picture), f"{run.name}\n{score}", None if run.error is None else read_image(run.error))
-
-
-def _rank(run: RunPictures) -> tuple[bool, float]:
-    """Sort key: the first score, which is a PSNR, the best first; then runs without one."""
-    value = float(run.scores[0][1]) if run.scores else math.nan
-    return math.isnan(value), -value
 
 
 def _draw_panel(axes: Axes, image: np.ndarray | None, words: str) -> None:

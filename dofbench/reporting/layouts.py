@@ -260,7 +260,7 @@ def _scene_table(layout: Layout, boards: Sequence[Board], figures: Figures) -> T
     for name, columns in absent.items():
         below += not_shown(columns, f"Not shown of {name}, as no row has it")
     below += _paper_note(figures, figures.data) if more else ()
-    return Table(f"{layout.title}: scene by scene", headings, (*rows, *more), below=tuple(below))
+    return Table(f"{layout.title}: scene by scene", headings, (*rows, *more), below=tuple(below), theirs=len(more))
 
 
 def _silent(line: Line, shown: Sequence[str]) -> bool:

@@ -1,27 +1,31 @@
-"""Pictures of test views: truth, predictions and error maps, as files and as embedded in the page.
+"""Pictures of test views (truth, predictions, error maps), refocus frames and films, as files and as the page has them.
 
-A file whose checksum isn't the one in the result is not shown; the reason is.
+A picture whose checksum isn't the one in the result is not shown; the reason is.
 """
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+import math
+import os
+import re
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
-
-import numpy as np
+from typing import Literal
 
 from dofbench.core.errors import InputError, Status
-from dofbench.core.images import read_image, resize, to_8bit
+from dofbench.core.files import replacing, sha256_file
+from dofbench.core.images import image_size
+from dofbench.datasets.format import layout
 from dofbench.datasets.format.dataset import Dataset
 from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.columns import COLUMNS
-from dofbench.evaluation.scoring.error_maps import FULL_SCALE
 from dofbench.evaluation.scoring.evaluate import PREFIX, Kind
 from dofbench.reporting.boards import Board
+from dofbench.reporting.tables import one_line
 from dofbench.running.load_run import LoadedRun, loaded
+from dofbench.running.refocus_frames import refocus_frames
 
 TITLES: dict[Kind, str] = {
     "refocus": "through the view's own lens",
@@ -30,9 +34,8 @@ TITLES: dict[Kind, str] = {
     "across": "learned aperture scaled, focus fitted on half of the tiles",
 }
 NOT_THERE = "the picture isn't next to the result, or isn't the one that was scored"
-BUDGET_MB = 12  # MB of pictures in one page, as base64
-SIDES = (720, 504, 360, 252)  # px, longer side of pictures: the first size is used with which all pictures fit
-QUALITY = 85  # of WebP
+FILM = "film/film.mp4"  # in a result's folder, as `dofbench render RESULT --out RESULT/film` writes it
+PLACES = 3000  # of predictions in one page, above which it has fewer test views of each dataset
 _SHOWN = ("psnr", "ssim", "flip")
 
 
@@ -48,17 +51,37 @@ class RunPictures:
     resolved: Path | None
     scores: tuple[tuple[str, str], ...]
 
+    @property
+    def files(self) -> tuple[Path | None, ...]:
+        """Prediction, error map, resolved map."""
+        return self.picture, self.error, self.resolved
+
 
 @dataclass(frozen=True)
 class KindPictures:
-    """One kind of prediction of a view. truth: reads the picture that predictions were compared with, (H, W, 3),
-    encoded; None if it is missing, for the `reason`."""
+    """One kind of prediction of a view. truth: PNG file that predictions were compared with; None if it is missing, for
+    the `reason`."""
 
     kind: Kind
     title: str
-    truth: Callable[[], np.ndarray] | None
+    truth: Path | None
     reason: str
     runs: tuple[RunPictures, ...]
+
+    @property
+    def best_first(self) -> list[RunPictures]:
+        """The runs by their first score, which is a PSNR, the best first; then runs without one."""
+
+        def place(run: RunPictures) -> tuple[bool, float]:
+            value = float(run.scores[0][1]) if run.scores else math.nan
+            return math.isnan(value), -value
+
+        return sorted(self.runs, key=place)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the pictures."""
+        return image_size(next(file for file in (self.truth, *(run.picture for run in self.runs)) if file))
 
 
 @dataclass(frozen=True)
@@ -71,24 +94,72 @@ class ViewPictures:
 
 
 @dataclass(frozen=True)
+class Moving:
+    """What one run shows of a view in motion: refocus frames, far to near, or a film."""
+
+    name: str
+    files: tuple[Path, ...]
+
+
+@dataclass(frozen=True)
 class BoardPictures:
-    """The test views of one board that have a picture. trouble: the reason if no view has one."""
+    """The test views of one board that have a picture. trouble: the reason if no view has one. refocus, films: of the
+    runs that have some. omitted: what isn't shown, and why, one line each."""
 
     board: str
     views: tuple[ViewPictures, ...]
     trouble: str = ""
+    refocus: tuple[Moving, ...] = ()
+    films: tuple[Moving, ...] = ()
+    omitted: tuple[str, ...] = ()
+
+    @property
+    def files(self) -> Iterator[Path]:
+        """Every file that the page shows."""
+        for kind in (kind for view in self.views for kind in view.kinds):
+            yield from filter(None, (kind.truth, *(file for run in kind.runs for file in run.files)))
+        yield from (file for moving in (*self.refocus, *self.films) for file in moving.files)
 
 
 # ---- files ----
 
 
-def gallery(board: Board) -> BoardPictures:
-    """The pictures of a board, by the first seed of each row whose run ended well."""
-    shown = list(_shown(board))
-    if not shown:
-        return BoardPictures(board.title, (), "no run has predictions")
-    views = tuple(_views(board, shown))
-    return BoardPictures(board.title, views, "" if views else "the predictions aren't next to the results")
+def galleries(boards: Sequence[Board], refocus: int = 0) -> list[BoardPictures]:
+    """The pictures of each board, by the first seed of each row whose run ended well. refocus: models to show refocus
+    frames of, from the first board on; missing frames are rendered."""
+    found, left = [], refocus
+    for board in boards:
+        shown = list(_shown(board))
+        views = tuple(_views(board, shown)) if shown else ()
+        trouble = "" if views else "the predictions aren't next to the results" if shown else "no run has predictions"
+        frames, omitted = _refocus(shown, left) if refocus else ((), ())
+        left -= len(frames)
+        films = tuple(Moving(name, (run.folder / FILM,)) for name, _, run in shown if (run.folder / FILM).is_file())
+        found.append(BoardPictures(board.title, views, trouble, frames, films, omitted))
+    places = sum(len(kind.runs) for board in found for view in board.views for kind in view.kinds)
+    step = -(-places // PLACES)
+    if step <= 1:
+        return found
+    said = f"one test view of {step} is shown, to keep the page small"
+    return [replace(one, views=one.views[::step], omitted=(*one.omitted, said)) for one in found]
+
+
+def _refocus(shown: Sequence[tuple[str, Entry, LoadedRun]], most: int) -> tuple[tuple[Moving, ...], tuple[str, ...]]:
+    """(the refocus frames of at most so many runs that can refocus, a line on each run without that could)."""
+    found: list[Moving] = []
+    omitted = []
+    for place, (name, _, run) in enumerate(shown):
+        if len(found) == most:
+            omitted.append(f"no refocus frames of the last {len(shown) - place} rows, to which --refocus doesn't reach")
+            break
+        try:
+            files = refocus_frames(run)
+        except Exception as error:  # whatever a method's own code raises at a model that it can't read
+            omitted.append(f"no refocus frames of {name}: {one_line(str(error))}")
+            continue
+        if files:
+            found.append(Moving(name, files))
+    return tuple(found), tuple(omitted)
 
 
 def _shown(board: Board) -> Iterator[tuple[str, Entry, LoadedRun]]:
@@ -127,23 +198,15 @@ def _dataset(runs: Sequence[LoadedRun]) -> tuple[Dataset | None, str]:
     return None, reason
 
 
-def _truth(dataset: Dataset, kind: Kind, name: str) -> tuple[Callable[[], np.ndarray] | None, str]:
-    """(reads the picture that predictions of this kind were compared with, "") or (None, why it can't be used)."""
-    view = dataset.view(name)
-    file: Literal["image", "all_in_focus"] = "all_in_focus" if kind == "all_in_focus" else "image"
-
-    def read() -> np.ndarray:
-        dataset.require_intact(view, file)
-        picture = dataset.all_in_focus(view) if kind == "all_in_focus" else dataset.image(view)
-        if picture is None:
-            raise InputError(f"view {view.name} of {dataset.name}", "no all-in-focus image", "one to compare with")
-        return picture
-
+def _truth(dataset: Dataset, kind: Kind, name: str) -> tuple[Path | None, str]:
+    """(the picture that predictions of this kind were compared with, "") or (None, why it can't be used)."""
+    part: Literal["image", "all_in_focus"] = "all_in_focus" if kind == "all_in_focus" else "image"
     try:
-        dataset.require_intact(view, file)
+        dataset.require_intact(dataset.view(name), part)
     except InputError as error:
         return None, str(error)
-    return read, ""
+    place = layout.sharp_path if part == "all_in_focus" else layout.shallow_path
+    return place(dataset.folder, name), ""
 
 
 def _run(name: str, entry: Entry, run: LoadedRun, kind: Kind, view: str) -> RunPictures:
@@ -163,90 +226,24 @@ def _run(name: str, entry: Entry, run: LoadedRun, kind: Kind, view: str) -> RunP
     return RunPictures(name, picture, reason, file(f"{kind}_error"), resolved, shown)
 
 
-# ---- embedded ----
+# ---- in the report's folder ----
+
+_LINKED = re.compile(r"[0-9a-f]{16}\.\w+")
 
 
-class TooLarge(Exception):
-    """The pictures don't fit at this size."""
-
-
-@dataclass(frozen=True)
-class Packed:
-    """Embedded pictures. data: for the page's script. said: a sentence on their size and quality, and on what was
-    omitted."""
-
-    data: list[dict[str, Any]] = field(default_factory=list)
-    said: str = ""
-
-
-def packed(boards: Sequence[BoardPictures], budget_mb: float = BUDGET_MB) -> Packed:
-    """The pictures of every board: all test views at the largest size that fits, else fewer views at the smallest
-    size."""
-    boards = [board for board in boards if board.views]
-    every = max((len(board.views) for board in boards), default=0)
-    if not every:
-        return Packed()
-    fewer = [every >> halvings for halvings in range(1, every.bit_length())]
-    for side, count in (*((side, every) for side in SIDES), *((SIDES[-1], count) for count in fewer)):
-        packer = _Packer(side, budget_mb * 1e6)
-        try:
-            return Packed([packer.board(board, count) for board in boards], packer.said(count, every))
-        except TooLarge:
-            continue
-    return Packed([], f"No pictures: not even one view of each dataset fits into {budget_mb:g} MB.")
-
-
-class _Packer:
-    """Makes data for the page's script with pictures as data URIs, and counts their bytes. Raises TooLarge."""
-
-    def __init__(self, side: int, budget: float):
-        self.side, self._budget, self.bytes, self.pictures, self.shrunk = side, budget, 0, 0, 0
-
-    def board(self, board: BoardPictures, count: int) -> dict[str, Any]:
-        """At most `count` views, evenly spaced."""
-        views = [
-            {"name": view.name, "lens": view.lens, "kinds": {one.kind: self._kind(one) for one in view.kinds}}
-            for view in board.views[:: max(1, -(-len(board.views) // count))]
-        ]
-        return {"board": board.board, "views": views, "full_scale": FULL_SCALE}
-
-    def said(self, count: int, every: int) -> str:
-        """A sentence on what was packed."""
-        shrunk = f"{self.shrunk} of {self.pictures} shrunk to {self.side} px on the longer side"
-        fewer = f"; only {count} of up to {every} test views of each dataset, to keep the page small"
-        return (
-            f"{self.pictures} pictures, {self.bytes / 1e6:.1f} MB, WebP at quality {QUALITY}, "
-            f"{shrunk if self.shrunk else 'at their own size'}{fewer if count < every else ''}. Scores are of the PNG "
-            "files next to the results."
-        )
-
-    def _kind(self, pictures: KindPictures) -> dict[str, Any]:
-        runs = [
-            {"name": run.name, "reason": run.reason, "scores": run.scores}
-            | {name: self._file(getattr(run, name)) for name in ("picture", "error", "resolved")}
-            for run in pictures.runs
-        ]
-        truth = self._uri(pictures.truth()) if pictures.truth is not None else None
-        return {"title": pictures.title, "truth": truth, "reason": pictures.reason, "runs": runs}
-
-    def _file(self, path: Path | None) -> str | None:
-        return None if path is None else self._uri(read_image(path))
-
-    def _uri(self, image: np.ndarray) -> str:
-        """image: (H, W, 3), encoded."""
-        import cv2
-
-        height, width = image.shape[:2]
-        factor = min(1.0, self.side / max(height, width))
-        if factor < 1.0:
-            self.shrunk += 1
-            image = resize(image, max(1, round(width * factor)), max(1, round(height * factor)))
-        done, coded = cv2.imencode(".webp", to_8bit(image)[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
-        if not done:
-            raise RuntimeError("the picture can't be encoded as WebP")
-        text = "data:image/webp;base64," + base64.b64encode(coded.tobytes()).decode()
-        self.bytes += len(text)
-        self.pictures += 1
-        if self.bytes > self._budget:
-            raise TooLarge
-        return text
+def link(files: Iterable[Path], folder: Path) -> dict[Path, str]:
+    """Put the files into `folder` by names of their content; returns file -> FOLDER/NAME. They are hard links where the
+    file system has them, which take no space, else copies. Files of such names from before are removed."""
+    names = {file: f"{sha256_file(file)[:16]}{file.suffix}" for file in dict.fromkeys(files)}
+    for file, name in names.items():
+        if not (folder / name).exists():
+            with replacing(folder / name) as temporary:
+                try:
+                    temporary.unlink()
+                    os.link(file, temporary)
+                except OSError:
+                    shutil.copyfile(file, temporary)
+    for old in folder.glob("*") if folder.is_dir() else ():
+        if _LINKED.fullmatch(old.name) and old.name not in names.values():
+            old.unlink()
+    return {file: f"{folder.name}/{name}" for file, name in names.items()}

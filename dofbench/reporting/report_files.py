@@ -31,7 +31,7 @@ from dofbench.reporting.boards import frozen_state, gather, role_of
 from dofbench.reporting.curves import board_plots, mean_plots
 from dofbench.reporting.draw import write_curves, write_strip
 from dofbench.reporting.pairs import comparison_rows, mean_pairs
-from dofbench.reporting.pictures import gallery
+from dofbench.reporting.pictures import galleries, link
 from dofbench.reporting.render import html, markdown
 from dofbench.reporting.report_options import Report
 from dofbench.reporting.timing import curve_view, front_rows, reach_rows
@@ -39,6 +39,7 @@ from dofbench.reporting.view import build_view, page_data
 
 Row = dict[str, object]
 
+PAGES = {"report": "Pictures and tables", "curves": "Error against time", "scores": "Every score", "runs": "Runs"}
 CURVE_COLUMNS = """method preset dataset protocol seed train_s steps psnr ssim aif_psnr aif_ssim delta_a delta_f delta_r
     loss train_cpu_s photo_psnr photo_ssim across_psnr across_ssim role""".split()
 COMPARISON_COLUMNS = """dataset protocol method preset against_method against_preset column pairs seeds difference low
@@ -75,7 +76,7 @@ class Written:
 
 def write_report(settings: Report, console: Console | None = None) -> Written:
     """Write leaderboard.csv, per_view.csv, curves.csv, comparisons.csv, reach.csv, pareto.csv, times.csv, curves/,
-    comparison/, leaderboard.md and report.html.
+    comparison/, leaderboard.md, the pages of `PAGES` and their pictures/.
 
     The same results give the same files, byte for byte. A result that can't be read is skipped and named. Raises
     InputError when there is no result at all or none of a method to compare with, or no table in a folder of ablations.
@@ -117,7 +118,11 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
 
     drawn = write_curves(out / "curves", (*means, *plots))
     files += [file for paths in drawn.values() for file in paths]
-    pictures = [gallery(board) for board in boards] if settings.pictures else []
+    pictures = []
+    if settings.pictures:
+        if settings.refocus:
+            tell(f"refocus frames, of up to {settings.refocus} models; missing ones are rendered")
+        pictures = galleries(boards, settings.refocus)
     strips = {}
     for board, shown in zip(boards, pictures, strict=False):
         strip = out / "comparison" / f"{file_name(board.name, board.protocol)}.png"
@@ -138,9 +143,13 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
         gallery=pictures,
         ablations=ablations,
     )
-    files += [out / "leaderboard.md", out / "report.html"]
-    write_text(files[-2], markdown("leaderboard", view=view))
-    write_text(files[-1], html("report", view=view, **page_data(view)))
+    files.append(out / "leaderboard.md")
+    write_text(files[-1], markdown("leaderboard", view=view))
+    linked = link((file for board in pictures for file in board.files), out / "pictures")
+    pages = {name: title for name, title in PAGES.items() if name != "curves" or view.curves}
+    for name in reversed(pages):
+        files.append(out / f"{name}.html")
+        write_text(files[-1], html(name, view=view, files=linked, pages=pages, **page_data(view)))
     tell(f"wrote {len(files)} files to {out}")
     tell(f"open {files[-1]}")
     return Written(tuple(files), collection.unreadable)

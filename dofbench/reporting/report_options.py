@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+from pydantic import Field
 
 from dofbench.core.options import options
 
@@ -19,7 +20,7 @@ class Report:
     out: Path = Path("reports/leaderboard")
     """Folder to write to."""
     pictures: bool = True
-    """Show truths, predictions and errors; --no-pictures skips them, for example if the images may not be
+    """Show truths, predictions, errors and films; --no-pictures skips them, for example if the images may not be
     published."""
     reach: str = ""
     """Levels for the tables of time to reach a score, comma-separated: psnr=30,delta_f=0.01. For other scores, levels
@@ -31,6 +32,9 @@ class Report:
     """Folder of tables written by `dofbench ablate`, to show in report.html."""
     merge: tuple[Path, ...] = ()
     """Further folders of results, from other machines. A run that is in several counts once."""
+    refocus: Annotated[int, Field(ge=0)] = 24
+    """Models to show at several focus distances. The frames are rendered once and kept next to the result; 0 renders
+    none."""
 
     def __post_init__(self) -> None:
         self.levels  # noqa: B018 - raises InputError for a wrong level before any result is read

@@ -66,8 +66,10 @@ class Cell:
 
     @property
     def sort_text(self) -> str:
-        """The sort key as JavaScript reads it."""
-        return self.sort if isinstance(self.sort, str) else repr(float(self.sort or 0)).replace("inf", "Infinity")
+        """The sort key as JavaScript reads it; "" where there is none, or it is the text."""
+        if isinstance(self.sort, str):
+            return "" if self.sort.lower() in (self.text.lower(), " ".join(self.code).lower()) else self.sort
+        return "" if self.sort is None else f"{self.sort:.8g}".replace("inf", "Infinity")
 
 
 @dataclass(frozen=True)
@@ -87,13 +89,15 @@ class Heading:
 
 @dataclass(frozen=True)
 class Table:
-    """A table. names: number of leading cells that name a row. below: lines below the table."""
+    """A table. names: number of leading cells that name a row. below: lines below the table. theirs: number of rows at
+    the end that only the paper has."""
 
     caption: str
     headings: tuple[Heading, ...]
     rows: tuple[tuple[Cell, ...], ...]
     names: int = 1
     below: tuple[str, ...] = ()
+    theirs: int = 0
 
     def without_empty(self, *, wide: bool = True) -> Table:
         """The table without columns in which every cell is empty, and without wide columns unless `wide`."""
@@ -242,7 +246,7 @@ def score_table(
     below: Sequence[str] = (),
 ) -> Table:
     """A table of the lines in their order; below it, the columns that no line has, and `below`.
-    group: heading above the scores. more: rows after the lines."""
+    group: heading above the scores. more: rows that only the paper has."""
     empty = empty_columns(lines, columns)
     shown = [column for column in columns if column not in empty]
     best = best_texts(lines, shown)
@@ -257,7 +261,7 @@ def score_table(
         if line.competes or any(line.cells[column].value is not None for column in shown)
     )
     headings = (*before.headings, *score_headings(shown, group), *after.headings)
-    return Table(caption, headings, (*rows, *more), below=(*not_shown(empty), *below))
+    return Table(caption, headings, (*rows, *more), below=(*not_shown(empty), *below), theirs=len(more))
 
 
 def not_shown(empty: Mapping[str, str], said: str = "Not shown, as no row has it") -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from dofbench.reporting import layouts, overview, sections
 from dofbench.reporting.boards import Board, score_columns
 from dofbench.reporting.curves import Plot, Series
 from dofbench.reporting.pairs import HEADING, TESTED
-from dofbench.reporting.pictures import BoardPictures, packed
+from dofbench.reporting.pictures import BoardPictures
 from dofbench.reporting.tables import Section, Table
 from dofbench.reporting.timing import CurveView, curve_rules
 
@@ -111,15 +111,9 @@ def build_view(
 
 
 def page_data(view: ReportView) -> dict[str, Any]:
-    """What the page's script reads, and the words on its pictures."""
-    shown = packed(view.gallery)
+    """What the page's script reads, and the scales of its pictures."""
     plots = [plot_data(curve.plot) for curve in view.curves]
-    return {
-        "data": {"plots": plots, "pictures": shown.data},
-        "pictures": shown,
-        "full_scale": FULL_SCALE,
-        "resolved_scale": RESOLVED_SCALE,
-    }
+    return {"data": {"plots": plots}, "full_scale": FULL_SCALE, "resolved_scale": RESOLVED_SCALE}
 
 
 def plot_data(plot: Plot) -> dict[str, Any]:

@@ -4,6 +4,7 @@
   if (!plots.length) return;
   const [boardSelect, scoreSelect, logBox] = ["plot-board", "plot-score", "plot-log"].map((id) => document.getElementById(id));
   const box = document.getElementById("chart"), legend = document.getElementById("plot-legend");
+  const tables = [...document.querySelectorAll(".plot-tables")];   // in the order of the plots
   const boards = [...new Set(plots.map((plot) => plot.board))];
   const hidden = new Set();   // names of series that are switched off
   let plot, marks = [], place, at = -1;
@@ -222,7 +223,7 @@
     const own = plots.filter((one) => one.board === boards[boardSelect.selectedIndex]);
     plot = own[scoreSelect.selectedIndex];
     const index = plots.indexOf(plot);
-    for (const tables of document.querySelectorAll(".plot-tables")) tables.hidden = Number(tables.dataset.plot) !== index;
+    tables.forEach((one, place) => one.classList.toggle("shown", place === index));
     document.getElementById("plot-note").textContent = `${plot.label}: ${plot.note}.`;
     logBox.checked = !plot.higher;
     unfocus();

@@ -1,7 +1,7 @@
 "use strict";
 // What every part of the page uses.
 const page = {
-  data: JSON.parse(document.getElementById("data").textContent),
+  data: JSON.parse(document.getElementById("data")?.textContent ?? "null"),
 
   /** A new element; attributes by name, children as nodes or text. */
   make(name, attributes = {}, ...children) {
@@ -30,6 +30,13 @@ const page = {
   },
   untip() { document.getElementById("tip").hidden = true; },
   say(text) { document.getElementById("said").textContent = text; },
+  /** Say it in sight, for a moment. */
+  notice(text) {
+    const line = page.make("div", { class: "notice" }, text);
+    document.body.append(line);
+    setTimeout(() => line.remove(), 2500);
+    page.say(text);
+  },
 };
 
 // The reason of a gap: on hover and on focus. The link leads to the footnote, which says the same.

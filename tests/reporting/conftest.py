@@ -60,9 +60,14 @@ class Made:
     said: str
 
     @property
+    def pages(self) -> dict[str, str]:
+        """Name -> HTML of every page."""
+        return {file.stem: file.read_text() for file in sorted(self.out.glob("*.html"))}
+
+    @property
     def page(self) -> str:
-        """The report as text."""
-        return (self.out / "report.html").read_text()
+        """The first page as text."""
+        return self.pages["report"]
 
 
 def set_times(file: Path) -> None:

@@ -250,7 +250,8 @@ def test_the_pages_say_where_points_come_from(plain, call, made, tmp_path: Path,
     words = points_in_words(stated)
     kind = "refocus-v3" + (", points from shallow training photographs" if stated is FROM_SHALLOW else "")
     assert words in (out / "leaderboard.md").read_text().split(f"## waves, {kind}\n")[1]
-    assert (out / "report.html").read_text().count(str(escape(words))) == 2
+    pages = "".join(file.read_text() for file in out.glob("*.html"))
+    assert pages.count(str(escape(words))) == 2
 
 
 def test_datasets_with_other_points_are_not_averaged(plain, call, made, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""report.html as a file: well-formed, self-contained, and in agreement with the results."""
+"""The report's pages as files: well-formed, without network, and in agreement with the results."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import re
+from html import unescape
 from pathlib import Path
 
 import pytest
@@ -29,8 +30,19 @@ QUICK = "quick"
 
 
 @pytest.fixture(scope="module")
-def reader(made_report) -> Reader:
-    return read(made_report.page)
+def readers(made_report) -> dict[str, Reader]:
+    """Each page, by its name."""
+    return {name: read(page) for name, page in made_report.pages.items()}
+
+
+@pytest.fixture(scope="module")
+def reader(readers: dict[str, Reader]) -> Reader:
+    """The tables and texts of all pages."""
+    found = Reader()
+    for one in readers.values():
+        found.tables += one.tables
+        found.texts += one.texts
+    return found
 
 
 def of(made_report, method: str, **spec) -> Result:
@@ -55,26 +67,33 @@ def shown(*sections: Section) -> str:
 # ---- self-contained ----
 
 
-def test_every_element_is_closed_and_every_link_leads_somewhere(reader: Reader) -> None:
-    assert len(set(reader.ids)) == len(reader.ids)
-    assert reader.links and all(link.startswith("#") and link[1:] in reader.ids for link in reader.links)
+def test_every_element_is_closed_and_every_link_leads_somewhere(readers: dict[str, Reader]) -> None:
+    assert set(readers) == {"report", "curves", "scores", "runs"}
+    for one in readers.values():
+        assert len(set(one.ids)) == len(one.ids)
+        within = [link for link in one.links if link.startswith("#")]
+        assert within and all(link[1:] in one.ids for link in within)
+        assert {link for link in one.links if link not in within} == {f"{name}.html" for name in readers}
 
 
-def test_nothing_is_fetched_from_anywhere(made_report, reader: Reader) -> None:
-    page = made_report.page
-    assert all(address.startswith("data:") for address in reader.addresses)
-    outside = [found for found in re.findall(r"https?://[^\s\"'<>)]+", page) if found != "http://www.w3.org/2000/svg"]
-    assert outside == []  # that one is the name of a namespace, which nothing fetches
-    assert not re.search(r"@import|url\((?!data:)|XMLHttpRequest|fetch\(|\bimport\(|<script[^>]+src=", page)
-    assert "default-src 'none'" in page
+def test_nothing_is_fetched_from_elsewhere(made_report, readers: dict[str, Reader]) -> None:
+    for name, page in made_report.pages.items():
+        addresses = [address for address in readers[name].addresses if not address.startswith("data:")]
+        assert all((made_report.out / address).is_file() for address in addresses)
+        assert all(address.startswith("pictures/") for address in addresses) and bool(addresses) is (name == "report")
+        urls = re.findall(r"https?://[^\s\"'<>)]+", page)
+        outside = [found for found in urls if found != "http://www.w3.org/2000/svg"]
+        assert outside == []  # that one is the name of a namespace, which nothing fetches
+        assert not re.search(r"@import|url\((?!data:)|XMLHttpRequest|fetch\(|\bimport\(|<script[^>]+src=", page)
+        assert "default-src 'none'" in page
 
 
-def test_the_data_are_strict_json(reader: Reader) -> None:
+def test_the_data_are_strict_json(readers: dict[str, Reader]) -> None:
     def refused(name: str) -> None:
         raise AssertionError(f"{name} is no JSON")
 
-    data = json.loads(reader.data, parse_constant=refused)
-    assert set(data) == {"plots", "pictures"} and data["plots"] and data["pictures"]
+    data = json.loads(readers["curves"].data, parse_constant=refused)
+    assert set(data) == {"plots"} and data["plots"]
 
 
 def test_text_of_results_can_not_become_markup() -> None:
@@ -130,8 +149,9 @@ def test_what_was_run_on_what_and_how_long(made_report, reader: Reader) -> None:
 
 def test_a_gap_has_its_reason_on_hover_and_as_a_note(made_report) -> None:
     reason = "the method has no lens to refocus with"
-    found = re.search(rf'<a class="why" href="#(note-\d+)" title="{reason}">–', made_report.page)
-    assert f'<li id="{found[1]}">{reason}</li>' in made_report.page
+    for page in (made_report.page, made_report.pages["scores"]):
+        found = re.search(rf'<a class="why" href="#(note-\d+)" title="{reason}">–', page)
+        assert f'<li id="{found[1]}">{reason}</li>' in page
 
 
 def test_time_and_frames_a_second(made_report, reader: Reader) -> None:
@@ -326,21 +346,49 @@ def boards(made_report) -> list:
     return gather(collect(made_report.results).entries)
 
 
-def test_every_view_kind_and_method_has_its_pictures(made_report, reader: Reader) -> None:
-    galleries = {one["board"]: one for one in json.loads(reader.data)["pictures"]}
-    assert set(galleries) == {"waves, refocus-v3", "waves, sharp-inputs-v3", "fern_small, refocus-v3"}
-    views = galleries["fern_small, refocus-v3"]["views"]
-    assert [view["name"] for view in views] == ["v0", "v1", "v2"] and views[0]["lens"] == "F 0.2, A 0.5"
-    kinds = views[0]["kinds"]
-    assert set(kinds) == {"refocus", "all_in_focus"}
-    assert all(kind["truth"].startswith("data:image/webp;base64,") for kind in kinds.values())
-    fake, pinhole = kinds["refocus"]["runs"]
-    assert fake["picture"] and fake["error"] and pinhole["picture"] is None
-    assert pinhole["reason"] == "the method has no lens to refocus with"
+def parts(page: str, kind: str) -> dict[str, str]:
+    """Title -> HTML of each part of the page of a kind: board, view, kind."""
+    found = re.split(rf'<(?:div|details) class="{kind}" data-title="([^"]*)"', page)
+    return dict(zip(map(unescape, found[1::2]), found[2::2], strict=True))
+
+
+def test_every_view_kind_and_method_has_its_pictures(made_report) -> None:
+    boards = parts(made_report.page, "board")
+    assert set(boards) == {"waves, refocus-v3", "waves, sharp-inputs-v3", "fern_small, refocus-v3"}
+    views = parts(boards["fern_small, refocus-v3"], "view")
+    assert [name.partition(" ")[0] for name in views] == ["v0", "v1", "v2"]
+    kinds = parts(views["v0 (F 0.2, A 0.5)"], "kind")
+    refocused, sharp = kinds["through the view's own lens"], kinds["all in focus"]
+    of_fake = ["picture", "error"]
+    assert re.findall(r'<img class="(\w+)"', refocused) == ["picture", *of_fake]  # the reference first
+    assert "No picture of pinhole quick, seed 0: the method has no lens to refocus with." in refocused
     scores = of(made_report, "fake", dataset="fern_small").views[0].scores
-    assert ["PSNR [dB] ↑", f"{scores['psnr']:.2f}"] in fake["scores"]
+    assert f"PSNR ↑ {scores['psnr']:.2f}" in refocused
     # The resolved map stands next to what it explains.
-    assert kinds["all_in_focus"]["runs"][0]["resolved"] and fake["resolved"] is None
+    assert re.findall(r'<img class="(\w+)"', sharp)[:4] == ["picture", *of_fake, "resolved"]
+
+
+def test_pictures_come_first(made_report) -> None:
+    assert made_report.page.index("<img") < made_report.page.index("<table")
+
+
+def test_pictures_are_the_files_that_were_scored(made_report) -> None:
+    (run,) = [
+        folder
+        for file in made_report.results.rglob("result.json")
+        if (folder := file.parent).parent.name == "fern_small" and folder.name.startswith("fake")
+    ]
+    view = parts(parts(made_report.page, "board")["fern_small, refocus-v3"], "view")["v0 (F 0.2, A 0.5)"]
+    shown = [made_report.out / name for name in re.findall(r'src="([^"]+)"', view)]
+    kept = {path.read_bytes() for path in (run / "predictions").rglob("v0.png")}
+    assert kept and kept <= {path.read_bytes() for path in shown}
+
+
+def test_rows_that_only_the_paper_has_can_be_folded(made_report) -> None:
+    rows = re.findall(r"<tr class=\"theirs\">(.*?)</tr>", made_report.page)
+    assert rows and all("the paper" in row for row in rows)
+    others = re.findall(r"<tr>(.*?)</tr>", made_report.page)
+    assert not any("paper&#39;s only" in row for row in others)
 
 
 # ---- parts ----

@@ -82,7 +82,7 @@ def test_report_scenes_come_first_and_lenses_before_formulas(page: str) -> None:
 
 
 def test_a_heading_says_the_role_and_what_photographed(report: Path, page: str) -> None:
-    html = (report / "report.html").read_text()
+    html = (report / "scores.html").read_text()
     for name, role, _, photographer in SCENES:
         (about,) = re.findall(rf"^## {name}, (?:refocus|photographs)-v\d\n\n(.*)$", page, re.MULTILINE)
         assert about.startswith(f"{ROLE_SAYS[role]} {PHOTOGRAPHER_SAYS[photographer]} Scene {name};")  # type: ignore[index]
