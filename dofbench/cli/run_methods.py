@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
 
 from dofbench.cli.from_photographs import check_runs, dataset_of_photographs, find_own, outlook
+from dofbench.core.errors import Status
 from dofbench.core.jobs import Executor
-from dofbench.core.progress import say
+from dofbench.core.progress import Terminal, say
 from dofbench.datasets.format.dataset import Dataset
 from dofbench.datasets.format.schema import MANIFEST
 from dofbench.datasets.synthesis import builtin_folder, make_dataset
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
+from dofbench.evaluation.results.collecting import collect
+from dofbench.running.load_run import LoadedRun, load_run
 from dofbench.running.matrix import run_all
 from dofbench.running.plan import choose
 from dofbench.running.run_options import Runs
@@ -45,6 +49,7 @@ def _run_photographs(settings: Runs, source: Path, console: Console, executor: E
     """
     from dofbench.reporting import report
     from dofbench.reporting.report_options import Report
+    from dofbench.viewing.own_page import own_page
 
     cells = settings.cells()
     check_runs(cells)
@@ -59,5 +64,20 @@ def _run_photographs(settings: Runs, source: Path, console: Console, executor: E
         return False
     done = run_all(replace(settings, photographs=None, width=None, data=str(data)), data, console, executor)
     # OUT may hold results of other datasets too; the page is about these photographs alone.
-    page = report(Report(results=settings.out / Dataset.load(data).name, out=own.place / "report"))
+    results = settings.out / Dataset.load(data).name
+    page = report(Report(results=results, out=own.place / "report"))
+    if (run := _first_good_run(results, [cell.method for cell in cells])) is not None:
+        shown = own_page(run, own.place / "page", own.place / "report" / "report.html", Terminal())
+        say(console, f"page, film and model: {shown}")
     return done and bool(page)
+
+
+def _first_good_run(results: Path, methods: Sequence[str]) -> LoadedRun | None:
+    """Of the methods in this order the first with a finished run and its model; None without any."""
+    entries = [entry for entry in collect(results).entries if entry.status is Status.OK and entry.result is not None]
+    for method in methods:
+        for entry in entries:
+            run = load_run(entry.folder)
+            if entry.spec.method == method and not run.no_model():
+                return run
+    return None

@@ -45,7 +45,7 @@ def render(settings: Render) -> Path:
             renderer(method, shape),
             frames,
             settings.out,
-            model=sha256_text(f"{sorted(run.result.model.items())} {shape}"),
+            model=sha256_text(f"{run.result.key} {sorted(run.result.model.items())} {shape}"),
             kind="exr" if settings.format == "exr" else "png",
             depth=settings.depth,
             progress=lambda _, done, __: advance(done),
