@@ -1,4 +1,4 @@
-"""Films of a trained scene: frames that are rendered once, as PNG or EXR, and a video of them."""
+"""Films of a trained scene: frames that are rendered once, as PNG or EXR, and a video or an animation of them."""
 
 from __future__ import annotations
 
@@ -114,6 +114,18 @@ def write_video(files: Sequence[Path], video: Path, *, fps: float = 24.0, qualit
             container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
         container.mux(stream.encode())
     part.replace(video)
+
+
+def write_animation(files: Sequence[Path], animation: Path, *, fps: float = 24.0, quality: int = 75) -> None:
+    """Write frames as an animated WebP that repeats, to a temporary name first."""
+    from PIL import Image
+
+    part = animation.with_name(f".{animation.name}.part")
+    first, *rest = (Image.open(file) for file in files)
+    first.save(
+        part, format="WEBP", save_all=True, append_images=rest, duration=round(1000 / fps), loop=0, quality=quality
+    )
+    part.replace(animation)
 
 
 def _as_data(frame: Frame) -> list[float]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +22,7 @@ from dofbench.reporting.render import html
 from dofbench.running.load_run import LoadedRun
 from dofbench.running.model import renderer
 from dofbench.viewing import camera_paths
-from dofbench.viewing.film import frames_of, render_frames, write_video
+from dofbench.viewing.film import frames_of, render_frames, write_animation, write_video
 from dofbench.viewing.lens_track import LensTrack, Track
 from dofbench.viewing.render import disparity_range
 
@@ -146,18 +145,6 @@ def _film(run: LoadedRun, start: DatasetView, folder: Path, lensed: bool, progre
         write_animation(files, place / "film.webp", fps=FPS)
         return f"{FILM}/film.webp"
     return f"{FILM}/film.mp4"
-
-
-def write_animation(files: Sequence[Path], animation: Path, *, fps: float = 24.0, quality: int = 75) -> None:
-    """Write frames as an animated WebP that repeats, to a temporary name first."""
-    from PIL import Image
-
-    part = animation.with_name(f".{animation.name}.part")
-    first, *rest = (Image.open(file) for file in files)
-    first.save(
-        part, format="WEBP", save_all=True, append_images=rest, duration=round(1000 / fps), loop=0, quality=quality
-    )
-    part.replace(animation)
 
 
 def _why_no_lens(run: LoadedRun) -> str:

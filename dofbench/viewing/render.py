@@ -19,12 +19,12 @@ from dofbench.datasets.format.dataset import Dataset, DatasetView
 from dofbench.running.load_run import load_run
 from dofbench.running.model import renderer
 from dofbench.viewing import camera_paths
-from dofbench.viewing.film import frames_of, render_frames, write_video
+from dofbench.viewing.film import frames_of, render_frames, write_animation, write_video
 from dofbench.viewing.keyframes import film_of, read_keyframes
 from dofbench.viewing.lens_track import LensTrack, Track
 from dofbench.viewing.render_options import Render
 
-VIDEO = "film.mp4"
+VIDEO, ANIMATION = "film.mp4", "film.webp"
 _RANGE = 2.0, 98.0  # percentiles of the rendered disparities, where the dataset states no range
 
 
@@ -54,6 +54,9 @@ def render(settings: Render) -> Path:
     if settings.format == "mp4":
         made = settings.out / VIDEO
         write_video(files, made, fps=settings.fps)
+    elif settings.format == "webp":
+        made = settings.out / ANIMATION
+        write_animation(files, made, fps=settings.fps)
     say(Console(), str(made))
     return made
 

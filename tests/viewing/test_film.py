@@ -11,7 +11,7 @@ from known_scene import CAMERA, Known
 from dofbench.core.errors import InputError
 from dofbench.core.images import read_image, write_png
 from dofbench.viewing.camera_paths import dolly, resized_to
-from dofbench.viewing.film import Frame, frames_of, render_frames, write_video
+from dofbench.viewing.film import Frame, frames_of, render_frames, write_animation, write_video
 from dofbench.viewing.lens_track import LensTrack, Track
 
 TRACK = LensTrack(Track.even([7.0 / 90]), Track.even([0.2, 0.8]))
@@ -69,6 +69,20 @@ def test_a_video_shows_its_frames(tmp_path: Path) -> None:
         # Colours have half the resolution in the video, so brightness is compared.
         assert np.abs((image - read_image(file)).mean(axis=2)).mean() < 0.02
     assert not list(tmp_path.glob(".*")), "no part is left"
+
+
+def test_an_animation_shows_its_frames(tmp_path: Path) -> None:
+    from PIL import Image
+
+    files = render_frames(Known().render, film(), tmp_path)
+    write_animation(files, tmp_path / "film.webp", fps=20, quality=95)
+    with Image.open(tmp_path / "film.webp") as animation:
+        animation.load()
+        assert animation.n_frames == 5 and animation.info["duration"] == 50
+        for index, file in enumerate(files):
+            animation.seek(index)
+            shown = np.asarray(animation.convert("RGB")) / 255
+            assert np.abs((shown - read_image(file)).mean(axis=2)).mean() < 0.02
 
 
 def test_frames_that_make_no_video_are_named(tmp_path: Path) -> None:
