@@ -71,3 +71,10 @@ def test_read_results(results: Path, place: Path, capsys: pytest.CaptureFixture[
 def test_score_pictures(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main_of("06_score_pictures.py")(place / "data", place / "data" / "all_in_focus")
     assert capsys.readouterr().out.count("PSNR inf") == 3
+
+
+def test_paper_figure(results: Path, place: Path) -> None:
+    (run,) = results.rglob("result.json")
+    main_of("07_paper_figure.py")(run.parent, place / "figure.png")
+    figure = dofbench.read_image(place / "figure.png")
+    assert figure.shape[1] == 2100 and figure.std() > 0.1
