@@ -14,12 +14,12 @@ def main(folder: Path = Path("data/example"), out: Path = Path("data/refocused.p
     view = max(dataset.views, key=lambda view: view.max_coc_px)  # the most blurred one
     sharp, depth = dataset.all_in_focus(view), dataset.depth(view)
 
-    again, _ = dofbench.defocus_numpy(sharp, depth, view.physical_lens)  # encoded, and the same in linear light
+    again = dofbench.defocus(sharp, depth, view.physical_lens)
     scores = dofbench.score_image(again.clip(0, 1), dataset.image(view), ["psnr"])
     print(f"{view.name}, blurred again: {scores['psnr']:.1f} dB from the dataset's own, which is rounded to 8 bits")
 
     lens = dofbench.Lens(aperture=1.0, focus=0.9)  # wide open, focused near
-    refocused, _ = dofbench.defocus_numpy(sharp, depth, lens.physical(dataset.disparity_range, sharp.shape[1]))
+    refocused = dofbench.defocus(sharp, depth, lens, disparity_range=dataset.disparity_range)
     dofbench.write_png(out, refocused)
     print(out)
 

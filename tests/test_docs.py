@@ -161,7 +161,9 @@ def test_a_metric_as_the_page_adds_it(done, tree: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [ROOT / "README.md", ROOT / "docs" / "conventions.md"], ids=name)
+@pytest.mark.parametrize(
+    "page", [ROOT / "README.md", ROOT / "docs" / "conventions.md", ROOT / "docs" / "python.md"], ids=name
+)
 def test_python_on_a_page_runs(done, page: Path) -> None:
     assert any(block.language == "python" for block in blocks(page))
     done(page, ROOT)

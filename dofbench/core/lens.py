@@ -151,6 +151,14 @@ class Lens:
     aperture: float
     focus: float
 
+    if not TYPE_CHECKING:  # where types aren't checked, the error says what to do
+
+        def __getattr__(self, name: str) -> Any:
+            if name in (*vars(PhysicalLens), *PhysicalLens.__dataclass_fields__):
+                expected = "a PhysicalLens, such as lens.physical(disparity_range, width)"
+                raise AttributeError(f"lens: found a Lens, which has no {name}, expected {expected}")
+            raise AttributeError(f"'Lens' object has no attribute {name!r}")
+
     def radius_per_disparity(self, width: int) -> float:
         """K: CoC radius in pixels per unit of normalised disparity."""
         return COC_FRACTION * width * self.aperture

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +49,15 @@ def test_a_lens_in_units_of_no_range_is_refused_and_a_physical_one_needs_no_data
     alone = load_run(run.folder, tmp_path / "data").model
     lens = PhysicalLens(8.0, 0.5, 64)
     assert np.array_equal(alone.render(camera, lens).image, model.render(camera, lens).image)
+
+
+def test_a_lens_given_to_what_takes_a_physical_one_says_what_to_do(call) -> None:
+    run, lens = load_run(call().folder), Lens(1.0, 0.5)
+    with pytest.raises(AttributeError, match=r"found a Lens, .*expected a PhysicalLens"):
+        run.method.render(run.dataset.views[0].camera, lens)
+    with pytest.raises(AttributeError, match="no attribute 'colour'"):
+        _ = lens.colour
+    assert pickle.loads(pickle.dumps(lens)) == copy.deepcopy(lens) == lens
 
 
 def test_the_range_of_a_depth_map_is_that_of_its_known_disparities() -> None:
