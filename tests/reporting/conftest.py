@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 from fake_method import fake_run
 from harness_fakes import Here
@@ -15,10 +17,13 @@ from rich.console import Console
 from small_dataset import write_dataset
 
 from dofbench.cli.ablate import make_tables
+from dofbench.core.errors import InputError
+from dofbench.core.images import write_png
 from dofbench.reporting import report_files
 from dofbench.reporting.report_files import Written, write_report
 from dofbench.reporting.report_options import Report
 from dofbench.running.ablation_options import Ablate
+from dofbench.viewing.film import write_video
 
 TABLES = """\
 method = "fake"
@@ -82,6 +87,15 @@ def set_times(file: Path) -> None:
     edit_json(file, set_pace)
 
 
+def write_film(folder: Path) -> None:
+    """A film of two frames, as `dofbench render` writes it, where it can be written."""
+    frames = [folder / "frames" / f"{index}.png" for index in (1, 2)]
+    for index, frame in enumerate(frames):
+        write_png(frame, np.full((48, 64, 3), index / 2, np.float32))
+    with suppress(InputError):  # without PyAV
+        write_video(frames, folder / "film.mp4")
+
+
 @pytest.fixture(scope="session")
 def made_report(tmp_path_factory: pytest.TempPathFactory) -> Made:
     """Two scenes of which the paper has one, three seeds, a method without a lens, a failure, and sharp inputs."""
@@ -99,6 +113,7 @@ def made_report(tmp_path_factory: pytest.TempPathFactory) -> Made:
         call(inputs="all-in-focus")
         for file in sorted((folder / "results").rglob("result.json")):
             set_times(file)
+        write_film(call(inputs="all-in-focus").folder / "film")
         ablation = folder / "ablation"
         (folder / "tables.toml").write_text(TABLES)
         waves = write_dataset(folder / "many", test=7)

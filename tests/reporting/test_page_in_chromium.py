@@ -483,6 +483,17 @@ def test_the_refocus_slider_changes_every_frame(at_fit: Page) -> None:
     at_fit.wait(f"[...{part}.querySelectorAll('img')].every((image) => image.naturalWidth === 64)")
 
 
+def test_a_film_is_there_to_be_played(at_fit: Page) -> None:
+    pytest.importorskip("av")
+    if not at_fit.run("document.createElement('video').canPlayType('video/mp4; codecs=\"avc1.42E01E\"')"):
+        pytest.skip("this Chromium plays no H.264")
+    choose(at_fit, "picture-board", "waves, sharp-inputs-v3")
+    film = "document.querySelector('.moving.shown video')"
+    middle(at_fit, film)
+    at_fit.wait(f"{film}.readyState >= 1")
+    assert at_fit.run(f"[{film}.videoWidth, {film}.videoHeight]") == [64, 48]
+
+
 # ---- any screen ----
 
 
