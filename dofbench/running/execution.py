@@ -47,6 +47,7 @@ from dofbench.methods.cards import MethodEntry, find_method
 from dofbench.running.data_plan import decided, revised
 from dofbench.running.observer import OneStep, TrainingObserver
 from dofbench.running.plan import Plan
+from dofbench.running.snapshots import SNAPSHOT_FOLDER, Snapshots
 from dofbench.running.training_log import LOG_FOLDER, TensorBoardLog, write_log
 from dofbench.runtime.device_host import feeding
 from dofbench.runtime.freed_memory import keep_freed_memory
@@ -216,7 +217,7 @@ class Execution:
         # An earlier result's files go before they are written anew: if this run dies, none is left half.
         for name in (RESULT_FILE, ADDED_FILE):
             (self.folder / name).unlink(missing_ok=True)
-        for name in (MODEL_FOLDER, PREDICTIONS_FOLDER, LOG_FOLDER):
+        for name in (MODEL_FOLDER, PREDICTIONS_FOLDER, LOG_FOLDER, SNAPSHOT_FOLDER):
             shutil.rmtree(self.folder / name, ignore_errors=True)
         if not self.entry.card.elsewhere:
             self._warm_up(training_set)
@@ -226,7 +227,9 @@ class Execution:
         with logging as log:
             show, add = (None, None) if log is None else (log.show, log.add)
             evaluate = partial(self.evaluator.quick, show)
-            observer = TrainingObserver(self.budget, clock, evaluating, evaluate, self.progress, add)
+            watched = self.plan.settings.watch and not self.entry.card.elsewhere
+            snapshots = Snapshots(self.folder, self.method, self.spec, self.dataset.folder) if watched else None
+            observer = TrainingObserver(self.budget, clock, evaluating, evaluate, self.progress, add, snapshots)
             self.observer = observer
             try:
                 with clock.running(), feeding(self.spec.device):
@@ -347,6 +350,7 @@ class Execution:
         result = self._result(status, message, trace, trained, found)
         self.lease.check()
         write_result(self.folder, result)
+        shutil.rmtree(self.folder / SNAPSHOT_FOLDER, ignore_errors=True)
         on_death(None)
         return result
 

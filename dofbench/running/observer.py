@@ -11,6 +11,7 @@ from dofbench.core.contracts import NonFinite
 from dofbench.core.errors import Status
 from dofbench.core.progress import Progress
 from dofbench.evaluation.results.result import CurvePoint
+from dofbench.running.snapshots import Snapshots
 
 CURVE_FACTOR = 1.6  # ratio of two neighbouring evaluation times
 CURVE_POINTS = 14  # thresholds below the whole budget: the first is at 1.6^-14, 0.14 % of it
@@ -41,8 +42,8 @@ class TrainingObserver:
     fields that are seen through a lens ray by ray, the earlier ones are skipped. A non-finite loss ends the training
     as diverged.
 
-    evaluate: scores of the method as it is now, by column. log: called with each point of the curve; its time counts
-    neither as training nor as evaluation.
+    evaluate: scores of the method as it is now, by column. log: called with each point of the curve. snapshots: saved
+    every few seconds. The time of both counts neither as training nor as evaluation.
     """
 
     def __init__(
@@ -53,9 +54,10 @@ class TrainingObserver:
         evaluate: Evaluate,
         progress: Progress,
         log: Callable[[CurvePoint], object] | None = None,
+        snapshots: Snapshots | None = None,
     ):
         self._budget, self._clock, self._evaluating = budget, clock, evaluating
-        self._evaluate, self._progress, self._log = evaluate, progress, log
+        self._evaluate, self._progress, self._log, self._snapshots = evaluate, progress, log, snapshots
         self._thresholds = [CURVE_FACTOR**-k for k in range(CURVE_POINTS, 0, -1)]
         self._losses: list[float] = []
         self._stopped = False
@@ -92,6 +94,8 @@ class TrainingObserver:
             self._add_point(step)
         with self._clock.paused():
             self._show(step, loss, seconds)
+            if self._snapshots is not None and self._snapshots.due():
+                self._snapshots.save(step)
         return not self._stopped
 
     def stage(self, name: str, done: int, total: int) -> None:

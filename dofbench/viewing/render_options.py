@@ -54,8 +54,8 @@ class Render:
     rotation: float = 0.0
     """Direction of the polygon's first corner, degrees from right towards down."""
     format: FilmFormat = "mp4"
-    """mp4: PNG frames and film.mp4 (H.264). webp: PNG frames and film.webp, which repeats. png: frames alone. exr: frames
-    of linear light."""
+    """mp4: PNG frames and film.mp4 (H.264). webp: PNG frames and film.webp, which repeats. png: frames alone. exr:
+    frames of linear light."""
     depth: bool = False
     """Write every frame's depth too, as EXR, scene units."""
 

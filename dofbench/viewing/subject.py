@@ -1,7 +1,9 @@
-"""What the viewer shows: a finished run, a dataset, or Gaussians in a PLY."""
+"""What the viewer shows: a run, finished or in training, a dataset, or Gaussians in a PLY."""
 
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -10,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import Rendering
+from dofbench.core.contracts import Method, Rendering
 from dofbench.core.errors import InputError
 from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
 from dofbench.datasets.format.dataset import Dataset
@@ -19,11 +21,12 @@ from dofbench.evaluation.results.result import RESULT_FILE
 from dofbench.evaluation.scoring.resolved import ResolvedCircles, photographs_of
 from dofbench.running.load_run import LoadedRun, load_run
 from dofbench.running.model import renderer
+from dofbench.running.snapshots import found, read_snapshot
 from dofbench.viewing import camera_paths
 from dofbench.viewing.render import disparity_range
 
 _FIELD = 50.0  # degrees, vertical field of view for Gaussians without cameras
-_EXPECTED = "a run's folder, a dataset's folder, or a .ply of Gaussians"
+_EXPECTED = "a run's folder (in training: with run --watch), a dataset's folder, or a .ply of Gaussians"
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +46,8 @@ class Subject:
     name: for people. scene: what must be equal for subjects shown together, "" for any. photographs: at least one
     camera to start from. up: (3,) unit vector. bounds: disparities that focus is set between. opening: half the width
     of the lens's opening to start with, scene units. f_scale: f-number times half opening, scene units, None where no
-    f-number is known. render: None where nothing can be rendered from other cameras.
+    f-number is known. render: None where nothing can be rendered from other cameras. version: grows when there is
+    something new to render, as of a running training.
     """
 
     name: str
@@ -56,6 +60,7 @@ class Subject:
     render: Callable[[Camera, PhysicalLens | None, ApertureShape], Rendering] | None = None
     points: tuple[np.ndarray, np.ndarray] | None = None
     circles: Callable[[], ResolvedCircles] | None = None
+    version: Callable[[], int] = lambda: 0
 
     @cached_property
     def resolved(self) -> ResolvedCircles | None:
@@ -81,13 +86,58 @@ def open_subject(place: Path) -> Subject:
         return _of_splats(place)
     if place.name == RESULT_FILE or (place / RESULT_FILE).is_file():
         return _of_run(load_run(place))
+    if found(place):
+        return _of_training(place)
     if (place / MANIFEST).is_file():
         return _of_dataset(Dataset.load(place))
     raise InputError(place, "none of these" if place.exists() else "no such file or folder", _EXPECTED)
 
 
 def _of_run(run: LoadedRun) -> Subject:
-    dataset, method = run.dataset, run.method
+    return _of_method(run.method, run.dataset, f"{run.result.spec.method}, {run.result.spec.preset}")
+
+
+class _Training:
+    """The newest snapshot of a run in progress, and its model once it is finished."""
+
+    def __init__(self, run: Path):
+        self._run, self._lock = run, threading.Lock()
+        self._newest, self._looked = found(run)[-1], time.monotonic()
+        self._finished = False
+        self.method, self.spec, self.data, self.step = read_snapshot(self._newest)
+
+    def version(self) -> int:
+        """Look for something newer, at most once a second; returns the step."""
+        with self._lock:
+            if not self._finished and time.monotonic() - self._looked > 1:
+                self._looked = time.monotonic()
+                self._look()
+            return self.step
+
+    def _look(self) -> None:
+        try:
+            if (self._run / RESULT_FILE).is_file():
+                run = load_run(self._run, self.data)
+                self.method, self.step, self._finished = run.method, self.step + 1, True
+            elif (newest := found(self._run)[-1:]) and newest[0] != self._newest:
+                self.method, _, _, self.step = read_snapshot(newest[0])
+                self._newest = newest[0]
+        except (InputError, OSError):  # being replaced: the next look will find it whole
+            pass
+
+    def render(self, camera: Camera, lens: PhysicalLens | None, shape: ApertureShape) -> Rendering:
+        """Render the newest."""
+        return renderer(self.method, shape)(camera, lens)
+
+
+def _of_training(place: Path) -> Subject:
+    training = _Training(place)
+    name = f"{training.spec.method}, {training.spec.preset}, in training"
+    still = _of_method(training.method, Dataset.load(training.data), name)
+    return replace(still, render=training.render, version=training.version, circles=None)
+
+
+def _of_method(method: Method, dataset: Dataset, name: str) -> Subject:
     photographs = _photographs(dataset)
     first = photographs[0].camera
     bounds = disparity_range(method, dataset, first)
@@ -99,7 +149,7 @@ def _of_run(run: LoadedRun) -> Subject:
     usual = Lens(1.0, 0.0).physical(bounds, first.width).half_opening(first)
     opening = float(np.median(list(openings.values()))) if openings else usual
     return Subject(
-        name=f"{run.result.spec.method}, {run.result.spec.preset}",
+        name=name,
         scene=dataset.checksum,
         photographs=photographs,
         up=camera_paths.mean_up([photograph.camera for photograph in photographs]),

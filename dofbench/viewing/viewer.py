@@ -12,7 +12,6 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import redirect_stdout
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
 
 _FRAME = 1 / 18  # s, aim for a picture while something moves: 15 a second, and room for sending it
 _REST = 0.25  # s without a change after which the full picture is made
+_LOOK = 1.0  # s between two looks for something new of a running training
 _LEAST = 128  # px, least width of a picture
 _FREE = "free"
 _OPENINGS = 4.0  # the slider's end, in openings to start with
@@ -65,12 +65,13 @@ def serve(subjects: Sequence[Subject], host: str, port: int, width: int, keyfram
     return server
 
 
-@dataclass(eq=False)
-class _Last:
-    """The picture that a browser shows. rate: pictures a second while moving."""
+def next_width(width: int, seconds: float, full: int) -> int:
+    """Width of the next picture while something moves, when one of `width` pixels took so long. full: at rest.
 
-    shown: Shown | None = None
-    rate: float = 0.0
+    Time grows with the pixels. Half the step is taken, so that one slow picture doesn't decide.
+    """
+    factor = float(np.clip(math.sqrt(_FRAME / max(seconds, 1e-6)), 0.5, 2.0)) ** 0.5
+    return int(np.clip(round(width * factor), min(_LEAST, full), full))
 
 
 class _Session:
@@ -88,7 +89,8 @@ class _Session:
         self._file, self._rendering = keyframes, rendering
         self._keyframes: list[tuple[Camera, Look]] = []
         self._changed, self._over = threading.Event(), threading.Event()
-        self._last, self._draft_width = _Last(), float(width) / 2
+        self._draft_width = width // 2
+        self._last: Shown | None = None
         self._controls()
         self._show_cameras()
         self._go_to(subjects[0].photographs[0])
@@ -183,7 +185,7 @@ class _Session:
             self._f_number.value = round(scale / self._opening.value, 2)  # type: ignore[misc]
 
     def _focus_at(self, event: Any) -> None:
-        shown = self._last.shown
+        shown = self._last
         disparity = None if shown is None else shown.disparity_at(*event.screen_pos)
         if disparity is not None:
             bounds = self._subjects[0].bounds
@@ -286,11 +288,14 @@ class _Session:
     # ---- pictures ----
 
     def _work(self) -> None:
-        at_rest = False
+        at_rest, versions = False, self._versions()
         while not self._over.is_set():
-            changed = self._changed.wait(timeout=None if at_rest else _REST)
+            changed = self._changed.wait(timeout=_LOOK if at_rest else _REST)
             if self._over.is_set():
                 return
+            before, versions = versions, self._versions()
+            if at_rest and not changed and versions == before:
+                continue
             self._changed.clear()
             try:
                 self._show(draft=changed)
@@ -298,23 +303,23 @@ class _Session:
                 self._info.content = f"{type(error).__name__}: {error}"
             at_rest = not changed
 
+    def _versions(self) -> list[int]:
+        return [subject.version() for subject in self._subjects]
+
     def _show(self, *, draft: bool) -> None:
         own = self._client.camera
         if own.update_timestamp == 0 or own.image_width == 0:
             return
         full = min(self._width, own.image_width)
-        width = int(np.clip(self._draft_width, _LEAST, full)) if draft else full
+        width = min(self._draft_width, full) if draft else full
         camera, look = self._camera(width - width % len(self._subjects)), self._look()
         begun = time.perf_counter()
         with self._rendering:
             shown = picture(self._subjects, camera, look, draft=draft)
         seconds = time.perf_counter() - begun
         if draft:
-            # Time grows with the pixels; half the step, so that one slow picture doesn't decide.
-            self._draft_width *= float(np.clip(math.sqrt(_FRAME / seconds), 0.5, 2.0)) ** 0.5
-            self._draft_width = float(np.clip(self._draft_width, _LEAST, full))
-            self._last.rate = 1 / seconds
-        self._last.shown = shown
+            self._draft_width = next_width(width, seconds, full)
+        self._last = shown
         self._client.scene.set_background_image(shown.pixels, format="jpeg", jpeg_quality=70 if draft else 92)
         self._tell(camera, look, seconds, draft)
 
@@ -322,8 +327,9 @@ class _Session:
         depth = f"{1 / look.focus_disparity:.3g}" if look.focus_disparity > 0 else "infinity"
         names = " · ".join(subject.name for subject in self._subjects)
         state = "moving" if draft else "at rest"
+        steps = [f"step {version}" for version in self._versions() if version]
         self._info.content = (
-            f"**{names}**  \nfocus at {depth} scene units  \n"
+            f"**{' · '.join([names, *steps])}**  \nfocus at {depth} scene units  \n"
             f"{camera.width} × {camera.height} px, {1000 * seconds:.0f} ms ({state})"
         )
 

@@ -64,6 +64,8 @@ class RunOptions(CallOptions, WhichMethods):
     log: Literal["tensorboard"] | None = None
     """Write the learning curve for TensorBoard to the run's folder, with a test view at each point. Needs the extra
     tensorboard."""
+    watch: bool = False
+    """Save the scene every 10 s while it trains, so that `dofbench view RUN` shows it growing."""
     rerun: bool = False
     """Train again even where a cached result of the same key exists."""
     out: Path = Path("results")
@@ -82,8 +84,8 @@ class RunSpec(RunOptions):
 
     def command(self) -> str:
         """The command line of this run, with the options that differ from their defaults; paths as the user gave
-        them. A log changes no result."""
-        return command_line("run", self, without=("log", "rerun", "dry_run", "verbose"))
+        them. A log and snapshots change no result."""
+        return command_line("run", self, without=("log", "watch", "rerun", "dry_run", "verbose"))
 
 
 def command_line(command: str, options: Any, *, without: Collection[str] = ()) -> str:
