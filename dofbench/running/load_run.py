@@ -51,7 +51,7 @@ class LoadedRun:
 
         spec = self.result.spec
         if not (self.data / MANIFEST).exists():
-            expected = f"the dataset {spec.dataset} of this run: load_run(folder, data=…) says where it is now"
+            expected = f"the dataset {spec.dataset} of this run; --data, or load_run's data, names another place"
             raise InputError(self.data, "no dataset there or near the result", expected)
         dataset = Dataset.load(self.data)
         if dataset.checksum != spec.dataset_checksum:
@@ -148,7 +148,8 @@ def load_run(folder: Path | str, data: Path | str | None = None) -> LoadedRun:
     if below:
         raise InputError(folder, f"{len(below)} results below", f"the folder of one, such as {below[0].parent}")
     run = loaded(folder.absolute(), read_result(folder), None if data is None else Path(data))
-    return replace(run, data=run.data.absolute())
+    # A dataset that isn't there is named as the result says it.
+    return replace(run, data=run.data.absolute()) if run.data.exists() else run
 
 
 def loaded(folder: Path, result: Result, data: Path | None = None) -> LoadedRun:

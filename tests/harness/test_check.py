@@ -287,7 +287,7 @@ def test_the_dataset_is_found_from_another_folder(
     monkeypatch.chdir(tmp_path)
     edit(folder, lambda content: content.update(data="elsewhere/data", data_from_here=""))
     assert check(folder) is Verdict.NOT_RECOMPUTED
-    assert "scores not recomputed (elsewhere/data: found no such folder" in said_of(folder)[1]
+    assert "scores not recomputed (elsewhere/data: found no dataset there" in said_of(folder)[1]
     assert app.main(["check", str(folder)]) == app.NOT_RECOMPUTED == 3
     assert app.main(["check", str(folder), "--data", str(data / "data")]) == app.DONE
     shutil.copytree(data / "data", tmp_path / "waves")

@@ -188,7 +188,7 @@ def test_the_dataset_must_be_the_same(call, tmp_path: Path) -> None:
     end = call()
     shutil.move(tmp_path / "data", tmp_path / "moved")
     good, said = scored(end.folder, "psnr")
-    assert not good and "no such folder" in said
+    assert not good and "no dataset there or near the result" in said
     assert scored(end.folder, "psnr", data=tmp_path / "moved")[0]
     other = write_dataset(tmp_path / "other", seed=5)
     good, said = scored(end.folder, "psnr", data=other)
