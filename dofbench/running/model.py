@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 from dofbench.core.blur import Blur
 from dofbench.core.cameras import Camera
@@ -12,6 +13,13 @@ from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
 from dofbench.optics.defocus import defocus_numpy
 
 _Render = Callable[[Camera, PhysicalLens | None], Rendering]  # as a method's `render`
+
+
+class Renders(Protocol):
+    """What renders: a method, or Gaussians alone."""
+
+    def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
+        """See `Method.render`."""
 
 
 def _no_range() -> DisparityRange | None:
@@ -46,7 +54,7 @@ class Model:
         return renderer(self.method, shape)(camera, lens)
 
 
-def renderer(method: Method, shape: ApertureShape = ApertureShape()) -> _Render:
+def renderer(method: Renders, shape: ApertureShape = ApertureShape()) -> _Render:
     """Render by the method's own lens, where it has one and the aperture is a disc; else blur its all-in-focus
     rendering by its depth, in layers."""
     blur = Blur(shape=shape, renderer="layered")

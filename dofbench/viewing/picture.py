@@ -10,6 +10,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from dofbench.core.blur import Blur
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Rendering
 from dofbench.core.images import to_8bit
@@ -113,8 +114,6 @@ def _rendered(
     assert subject.render is not None
     if lens is None or not draft:
         return subject.render(camera, lens, shape)
-    from dofbench.core.blur import Blur
-
     sharp = subject.render(camera, None, shape)
     return replace(sharp, image=defocus_numpy(sharp.image, sharp.depth, lens, Blur(shape=shape))[0])
 

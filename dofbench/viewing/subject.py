@@ -202,9 +202,8 @@ def _of_splats(file: Path) -> Subject:
     from dofbench.training.gaussians.lens_renderer import LensRenderer
     from dofbench.training.gaussians.splats import read_splats
 
-    options = GaussianOptions.of()
     gaussians = read_splats(file)
-    model = LensRenderer(gaussians, options)
+    model = LensRenderer(gaussians, GaussianOptions.of())
     means = gaussians.parameters["means"].numpy(force=True).astype(np.float64)
     middle = np.median(means, axis=0)
     reach = float(np.quantile(np.linalg.norm(means - middle, axis=1), 0.7)) or 1.0
@@ -213,17 +212,14 @@ def _of_splats(file: Path) -> Subject:
     pose[:3, 3] = -(middle - (0, 0, 1.5 * reach))
     camera = Camera(1080, 720, focal, focal, 540.0, 360.0, pose)
     bounds = DisparityRange(1 / (3 * reach), 1 / (0.5 * reach))
-
-    def render(camera: Camera, lens: PhysicalLens | None, shape: ApertureShape) -> Rendering:
-        from dofbench.core.blur import Blur
-        from dofbench.optics.defocus import defocus_numpy
-
-        sharp = model.render(camera, None)
-        if lens is None:
-            return sharp
-        blur = Blur(shape=shape, renderer="layered")
-        return replace(sharp, image=defocus_numpy(sharp.image, sharp.depth, lens, blur)[0])
-
     start = Photograph("start", "train", camera, lambda: np.zeros((720, 1080, 3), np.float32))
     usual = Lens(1.0, 0.0).physical(bounds, camera.width).half_opening(camera)
-    return Subject(file.stem, "", (start,), np.array([0.0, -1.0, 0.0]), bounds, usual, render=render)
+    return Subject(
+        name=file.stem,
+        scene="",
+        photographs=(start,),
+        up=np.array([0.0, -1.0, 0.0]),
+        bounds=bounds,
+        opening=usual,
+        render=lambda camera, lens, shape: renderer(model, shape)(camera, lens),
+    )

@@ -9,12 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from known_scene import CAMERA, Known
+from random_gaussians import scene
 
+from dofbench.core.cameras import NO_OFFSET
 from dofbench.core.errors import InputError
 from dofbench.core.images import to_8bit
 from dofbench.core.jobs import Outcome
 from dofbench.core.lens import ApertureShape, DisparityRange, PhysicalLens
 from dofbench.evaluation.scoring.error_maps import error_map
+from dofbench.training.gaussians.model import Gaussians
+from dofbench.training.gaussians.splats import write_splats
 from dofbench.viewing.camera_paths import dolly
 from dofbench.viewing.picture import Look, at_photograph, fitting, picture
 from dofbench.viewing.subject import Photograph, Subject, open_subject, open_subjects
@@ -128,3 +132,13 @@ def test_runs_datasets_and_gaussians_are_opened(call: Callable[..., Outcome], tm
         open_subject(tmp_path / "nothing")
     with pytest.raises(InputError, match="none of these"):
         open_subject(tmp_path)
+
+
+def test_gaussians_of_any_program_are_shown(tmp_path: Path) -> None:
+    write_splats(tmp_path / "scene.ply", Gaussians(scene(60, seed=3), None), NO_OFFSET)
+    subject = open_subject(tmp_path / "scene.ply")
+    camera = subject.photographs[0].camera.resized(96, 64)
+    focused = Look(half_opening=subject.opening, focus_disparity=subject.bounds.q_max)
+    sharp = picture([subject], camera, replace(focused, half_opening=0.0)).pixels
+    assert sharp.std() > 5, "they are in front of the camera"
+    assert picture([subject], camera, focused).pixels.std() < sharp.std()
