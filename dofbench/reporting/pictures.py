@@ -51,11 +51,6 @@ class RunPictures:
     resolved: Path | None
     scores: tuple[tuple[str, str], ...]
 
-    @property
-    def files(self) -> tuple[Path | None, ...]:
-        """Prediction, error map, resolved map."""
-        return self.picture, self.error, self.resolved
-
 
 @dataclass(frozen=True)
 class KindPictures:
@@ -117,7 +112,8 @@ class BoardPictures:
     def files(self) -> Iterator[Path]:
         """Every file that the page shows."""
         for kind in (kind for view in self.views for kind in view.kinds):
-            yield from filter(None, (kind.truth, *(file for run in kind.runs for file in run.files)))
+            of_runs = (file for run in kind.runs for file in (run.picture, run.error, run.resolved))
+            yield from filter(None, (kind.truth, *of_runs))
         yield from (file for moving in (*self.refocus, *self.films) for file in moving.files)
 
 
@@ -126,10 +122,10 @@ class BoardPictures:
 
 def galleries(boards: Sequence[Board], refocus: int = 0) -> list[BoardPictures]:
     """The pictures of each board, by the first seed of each row whose run ended well. refocus: models to show refocus
-    frames of, from the first board on; missing frames are rendered."""
+    frames of, from the first board and its best row on; missing frames are rendered."""
     found, left = [], refocus
     for board in boards:
-        shown = list(_shown(board))
+        shown = sorted(_shown(board), key=lambda one: _quality(one[1]), reverse=True)
         views = tuple(_views(board, shown)) if shown else ()
         trouble = "" if views else "the predictions aren't next to the results" if shown else "no run has predictions"
         frames, omitted = _refocus(shown, left) if refocus else ((), ())
@@ -153,13 +149,17 @@ def _refocus(shown: Sequence[tuple[str, Entry, LoadedRun]], most: int) -> tuple[
             omitted.append(f"no refocus frames of the last {len(shown) - place} rows, to which --refocus doesn't reach")
             break
         try:
-            files = refocus_frames(run)
+            files = refocus_frames(loaded(run.folder, run.result, run.data))  # not `run`, which would keep the model
         except Exception as error:  # whatever a method's own code raises at a model that it can't read
             omitted.append(f"no refocus frames of {name}: {one_line(str(error))}")
             continue
         if files:
             found.append(Moving(name, files))
     return tuple(found), tuple(omitted)
+
+
+def _quality(entry: Entry) -> float:
+    return next((entry.scores[one] for one in ("psnr", "photo_psnr", "across_psnr") if one in entry.scores), -math.inf)
 
 
 def _shown(board: Board) -> Iterator[tuple[str, Entry, LoadedRun]]:

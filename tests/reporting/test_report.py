@@ -188,7 +188,8 @@ def test_the_mean_over_scenes_has_curves_too(call, made, tmp_path: Path, monkeyp
     ends.append(read_result(call(data=data).folder))
     call(data=data, set=("noise=0.4",))  # on one scene alone, so not in the mean
     _, out, _ = made(pictures=False, reach="psnr=1")
-    assert not (out / "comparison").exists() and "data:image" not in (out / "report.html").read_text()
+    assert not (out / "comparison").exists() and not (out / "pictures").exists()
+    assert "<img" not in (out / "report.html").read_text()
     name = "the mean over 2 scenes, scatter"
     page = (out / "leaderboard.md").read_text().split("## Means over scenes against run time\n")[1]
     assert "![PSNR against training time](curves/the_mean_over_2_scenes_scatter-refocus-v3-psnr.svg)" in page
@@ -199,7 +200,7 @@ def test_the_mean_over_scenes_has_curves_too(call, made, tmp_path: Path, monkeyp
         "fake"
     }
     assert name not in {row["dataset"] for row in rows(out / "reach.csv")}  # a row there is of a run
-    html = (out / "report.html").read_text()
+    html = (out / "curves.html").read_text()
     plots = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', html)[1])["plots"]
     (mean,) = [one for one in plots if one["board"].startswith("the mean") and one["column"] == "psnr"]
     (only,) = mean["series"]
