@@ -22,7 +22,7 @@ from dofbench.core.cameras import Camera
 from dofbench.core.errors import InputError
 from dofbench.core.lens import ApertureShape
 from dofbench.viewing.keyframes import Keyframe, write_keyframes
-from dofbench.viewing.picture import LAYERS, Look, Shown, fitting, picture
+from dofbench.viewing.picture import LAYERS, Look, Shown, at_photograph, fitting, picture
 from dofbench.viewing.subject import Photograph, Subject
 
 if TYPE_CHECKING:
@@ -177,19 +177,19 @@ class _Session:
         """What a person typed; not what the slider wrote there."""
         scale = self._subjects[0].f_scale
         if event.client is not None and scale is not None and self._f_number is not None:
-            self._opening.value = min(scale / max(self._f_number.value, 1e-3), _OPENINGS * self._subjects[0].opening)  # type: ignore[misc]
+            _set(self._opening, min(scale / max(self._f_number.value, 1e-3), _OPENINGS * self._subjects[0].opening))
 
     def _show_f_number(self, event: Any) -> None:
         scale = self._subjects[0].f_scale
         if event.client is not None and scale is not None and self._f_number is not None and self._opening.value > 0:
-            self._f_number.value = round(scale / self._opening.value, 2)  # type: ignore[misc]
+            _set(self._f_number, round(scale / self._opening.value, 2))
 
     def _focus_at(self, event: Any) -> None:
         shown = self._last
         disparity = None if shown is None else shown.disparity_at(*event.screen_pos)
         if disparity is not None:
             bounds = self._subjects[0].bounds
-            self._focus.value = float(np.clip(bounds.normalise(disparity), self._focus.min, self._focus.max))  # type: ignore[misc]
+            _set(self._focus, float(np.clip(bounds.normalise(disparity), self._focus.min, self._focus.max)))
 
     # ---- cameras ----
 
@@ -228,7 +228,7 @@ class _Session:
 
     def _go_to_name(self, name: str) -> None:
         if name != _FREE:
-            self._view.value = name  # type: ignore[misc]
+            _set(self._view, name)
             self._go_to(next(one for one in self._subjects[0].photographs if one.name == name))
 
     def _go_to(self, photograph: Photograph) -> None:
@@ -319,6 +319,8 @@ class _Session:
         seconds = time.perf_counter() - begun
         if draft:
             self._draft_width = next_width(width, seconds, full)
+        elif self._view.value != _FREE and at_photograph(self._subjects[0], camera) is None:
+            _set(self._view, _FREE)  # so that the same view can be chosen again
         self._last = shown
         self._client.scene.set_background_image(shown.pixels, format="jpeg", jpeg_quality=70 if draft else 92)
         self._tell(camera, look, seconds, draft)
@@ -332,6 +334,11 @@ class _Session:
             f"**{' · '.join([names, *steps])}**  \nfocus at {depth} scene units  \n"
             f"{camera.width} × {camera.height} px, {1000 * seconds:.0f} ms ({state})"
         )
+
+
+def _set(control: Any, value: object) -> None:
+    """Set a control's value: mypy takes viser's property, whose getter and setter have two types, for read-only."""
+    control.value = value
 
 
 def _quaternion(camera: Camera) -> tuple[float, float, float, float]:

@@ -63,6 +63,7 @@ def test_a_click_focuses_and_a_drag_moves(page: Page, tmp_path: Path) -> None:
     page.drag((150, 350), (190, 330))
     moved = pixels(page, tmp_path, unlike=focused)
     assert np.abs(moved - focused).mean() > 0.01
+    page.wait("[...document.querySelectorAll('input')].some(one => one.value === 'free')")
     assert not [error for error in page.errors if "deprecated" not in error and "GPU stall" not in error]
 
 
