@@ -11,6 +11,7 @@ scatter's.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -22,6 +23,7 @@ from dofbench.optics.mixed_pixels import MixedPixels, mixed_pixels
 
 _COARSE_RADIUS = 6.0  # least radius, pixels of the reduced resolution, of a layer that is blurred at one
 _MOST_HALVINGS = 4
+_MARGIN = 8  # pixels around what a layer can reach
 _SEAM = 2  # pixels around the region of the depth edges over which the two results are blended
 
 
@@ -41,7 +43,7 @@ def layered_blur(
     """
     if layers < 1:
         raise ValueError(f"layers: expected at least 1, found {layers}")
-    if coarse and layers > 1:  # everywhere: no layer costs more than the scatter of all
+    if coarse and layers > 1 and bool(signed_radius.max() > signed_radius.min()):
         return _composited(linear.numpy(), signed_radius.numpy(), scatter, layers, coarse=True)
     plain = scatter(linear, signed_radius)  # raises for a radius that isn't finite
     radius = signed_radius.numpy()
@@ -74,14 +76,36 @@ def _composited(
     label = layer_of(radius)
     behind = torch.from_numpy(np.zeros_like(linear))
     for index in np.union1d(label, near_layer):
-        factor = _reduction(radius[label == index]) if coarse else 1
-        if factor > 1:
-            over = _scattered_coarsely(linear, radius, label, index, scatter, factor)
-        else:
-            light, own = _layer(linear, radius, label, index, mixed.where(near_layer == index))
+        before = mixed.where(near_layer == index)
+        if not coarse:
+            light, own = _layer(linear, radius, label, index, before)
             over = scatter(torch.from_numpy(light), torch.from_numpy(own))
-        behind = over[..., :3] + (1 - over[..., 3:]) * behind
+            behind = over[..., :3] + (1 - over[..., 3:]) * behind
+            continue
+        window = _window(label == index, before, 2 * max(-least, most) + _MARGIN)
+        parts = linear[window], radius[window], label[window]
+        factor = _reduction(parts[1][parts[2] == index])
+        if factor > 1:
+            over = _scattered_coarsely(*parts, index, scatter, factor)
+        else:
+            rows, columns = before.rows - window[0].start, before.columns - window[1].start
+            light, own = _layer(*parts, index, replace(before, rows=rows, columns=columns))
+            over = scatter(torch.from_numpy(light), torch.from_numpy(own))
+        behind[window] = over[..., :3] + (1 - over[..., 3:]) * behind[window]
     return behind
+
+
+def _window(chosen: np.ndarray, before: MixedPixels, reach: float) -> tuple[slice, slice]:
+    """The rows and columns of a layer's pixels and those it covers in part, and of all within `reach` pixels.
+
+    Farther away the layer is hidden: a nearer one in front of it is opaque one radius from its outline.
+    """
+    found = []
+    for axis, partly in ((1, before.rows), (0, before.columns)):
+        places = np.concatenate([np.flatnonzero(chosen.any(axis=axis)), partly])
+        start, stop = int(places.min() - reach), int(places.max() + reach) + 1
+        found.append(slice(max(0, start), min(chosen.shape[1 - axis], stop)))
+    return found[0], found[1]
 
 
 def _reduction(radius: np.ndarray) -> int:
