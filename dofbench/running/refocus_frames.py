@@ -11,12 +11,12 @@ import numpy as np
 from dofbench.core.errors import InputError
 from dofbench.core.files import canonical_json, read_json, sha256_text, write_json
 from dofbench.core.images import write_webp
-from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
+from dofbench.core.lens import PhysicalLens
 from dofbench.methods.cards import find_method
 from dofbench.running.load_run import LoadedRun
+from dofbench.running.usual_lens import focus_range, usual_opening
 
 if TYPE_CHECKING:
-    from dofbench.core.cameras import Camera
     from dofbench.core.contracts import Method
     from dofbench.datasets.format.dataset import Dataset, DatasetView
 
@@ -31,8 +31,8 @@ def refocus_frames(run: LoadedRun) -> tuple[Path, ...]:
 
     The focus is at evenly spaced disparities, from the farthest to the nearest of the scene; the aperture is the median
     of the learned ones, or 1 without any. Frames of the same model that are there already aren't rendered again. Raises
-    InputError without a test view, a kept model or the dataset, and for a frame that takes over 5 s; ValueError for a
-    method that renders no depth where the dataset states no range.
+    InputError without a test view, a kept model or the dataset, for a frame that takes over 5 s, and for a method that
+    renders no depth where the dataset states no range.
     """
     if not find_method(run.result.spec.method).card.capabilities.refocus:
         return ()
@@ -58,8 +58,8 @@ def _rendered(method: Method, dataset: Dataset, view: DatasetView) -> list[np.nd
     """The frames, each (H, W, 3) encoded in [0, 1]; none where the method raises that it can't refocus."""
     factor = min(1.0, SIDE / max(view.camera.width, view.camera.height))
     camera = view.camera.resized(round(view.camera.width * factor), round(view.camera.height * factor))
-    bounds = dataset.disparity_range or DisparityRange.of(method.render(camera, None).depth)
-    aperture = _aperture(method, dataset, bounds, camera)
+    bounds = focus_range(method, dataset, camera)
+    aperture = usual_opening(method, dataset, bounds) * camera.fx
     images, times = [], [time.monotonic()]
     for focus in np.linspace(bounds.q_min, bounds.q_max, FRAMES).tolist():
         try:
@@ -72,13 +72,3 @@ def _rendered(method: Method, dataset: Dataset, view: DatasetView) -> list[np.nd
         if len(images) > 1 and took > _PATIENCE:  # the first also compiles
             raise InputError("refocus frames", f"{took:.0f} s a frame", f"at most {_PATIENCE:g} s")
     return images
-
-
-def _aperture(method: Method, dataset: Dataset, bounds: DisparityRange, camera: Camera) -> float:
-    """The median learned aperture on this camera, or aperture 1 without any, pixels * scene unit."""
-    cameras = {view.name: view.camera for view in dataset.training_views()}
-    learned = method.lens_estimates() or {}
-    openings = [lens.half_opening(cameras[name]) for name, lens in learned.items() if name in cameras]
-    return (
-        float(np.median(openings)) * camera.fx if openings else Lens(1.0, 0.0).physical(bounds, camera.width).aperture
-    )

@@ -21,10 +21,10 @@ from dofbench.evaluation.results.result import MODEL_FOLDER
 from dofbench.reporting.render import html
 from dofbench.running.load_run import LoadedRun
 from dofbench.running.model import renderer
+from dofbench.running.usual_lens import focus_range, usual_opening
 from dofbench.viewing import camera_paths
 from dofbench.viewing.film import frames_of, render_frames, write_animation, write_video
 from dofbench.viewing.lens_track import LensTrack, Track
-from dofbench.viewing.render import disparity_range
 
 PAGE, PICTURES, FILM, MODEL = "index.html", "pictures", "film", "model"
 TRAINING_VIEWS = 4  # of which all-in-focus pictures are made, besides all test views
@@ -113,19 +113,17 @@ def _pair(run: LoadedRun, view: DatasetView, folder: Path, number: int) -> Pair:
 def _film(run: LoadedRun, start: DatasetView, folder: Path, lensed: bool, progress: Progress) -> str:
     """Render a focus pull on a spiral; returns its file relative to the page. Without a lens all is in focus."""
     method, dataset = run.method, run.dataset
-    bounds = disparity_range(method, dataset, start.camera)
-    cameras = {view.name: view.camera for view in dataset.training_views()}
+    bounds = focus_range(method, dataset, start.camera)
+    cameras = [view.camera for view in dataset.training_views()]
     path = camera_paths.spiral(
-        camera_paths.alike(list(cameras.values()), start.camera),
+        camera_paths.alike(cameras, start.camera),
         1.0 / (bounds.q_min + 0.5 * bounds.extent),
         turns=1.0,
     )
     track = None
     if lensed:
-        learned = method.lens_estimates() or {}
-        openings = [lens.half_opening(cameras[name]) for name, lens in learned.items() if name in cameras]
         foci = [bounds.q_min + one * bounds.extent for one in (0.1, 0.9, 0.1)]
-        track = LensTrack(Track.even([float(np.median(openings))]), Track.even(foci))
+        track = LensTrack(Track.even([usual_opening(method, dataset, bounds)]), Track.even(foci))
     width = min(FILM_WIDTH, start.camera.width)
     frames = frames_of(lambda moment: camera_paths.resized_to(path(moment), width), track, FRAMES)
     place, model = folder / FILM, sha256_text(f"{run.result.key} {sorted(run.result.model.items())}")

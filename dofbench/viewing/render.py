@@ -13,11 +13,12 @@ from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Method
 from dofbench.core.errors import InputError, unknown
 from dofbench.core.files import sha256_text
-from dofbench.core.lens import ApertureShape, DisparityRange, Lens
+from dofbench.core.lens import ApertureShape, DisparityRange
 from dofbench.core.progress import Terminal, say
 from dofbench.datasets.format.dataset import Dataset, DatasetView
 from dofbench.running.load_run import load_run
 from dofbench.running.model import renderer
+from dofbench.running.usual_lens import focus_range, opening_of, usual_opening
 from dofbench.viewing import camera_paths
 from dofbench.viewing.film import frames_of, render_frames, write_animation, write_video
 from dofbench.viewing.keyframes import film_of, read_keyframes
@@ -25,7 +26,6 @@ from dofbench.viewing.lens_track import LensTrack, Track
 from dofbench.viewing.render_options import Render
 
 VIDEO, ANIMATION = "film.mp4", "film.webp"
-_RANGE = 2.0, 98.0  # percentiles of the rendered disparities, where the dataset states no range
 
 
 def render(settings: Render) -> Path:
@@ -61,25 +61,13 @@ def render(settings: Render) -> Path:
     return made
 
 
-def disparity_range(method: Method, dataset: Dataset, camera: Camera) -> DisparityRange:
-    """The dataset's disparity range; without one, that of the depth rendered at the camera. Raises InputError where
-    that is empty."""
-    if dataset.disparity_range is not None:
-        return dataset.disparity_range
-    depth = np.asarray(method.render(camera, None).depth, dtype=np.float64)
-    seen = np.isfinite(depth) & (depth > 0)
-    if not seen.any():
-        raise InputError("depth", "none rendered", "a method that renders depth, to focus by")
-    return DisparityRange.of_disparity(1.0 / depth[seen], *_RANGE)
-
-
 def _plan(
     settings: Render, method: Method, dataset: Dataset, start: DatasetView
 ) -> tuple[camera_paths.Path, LensTrack]:
     """Camera path and lens. start: the view of --view."""
     if settings.keyframes is not None:
         return film_of(read_keyframes(settings.keyframes), start.camera)
-    bounds = disparity_range(method, dataset, start.camera)
+    bounds = focus_range(method, dataset, start.camera)
     track = _track(settings, method, dataset, bounds)
     focused = bounds.q_min + settings.focus[0] * bounds.extent
     if settings.follow is not None:
@@ -103,18 +91,10 @@ def point_at(camera: Camera, depth: np.ndarray, share: tuple[float, float]) -> n
 
 def _track(settings: Render, method: Method, dataset: Dataset, bounds: DisparityRange) -> LensTrack:
     """Focus and aperture in scene units, from the units of the disparity range."""
-    views = {view.name: view for view in dataset.training_views()}
-    first = next(iter(views.values())).camera
-
-    def opening(aperture: float) -> float:
-        return Lens(aperture, 0.0).physical(bounds, first.width).half_opening(first)
-
-    learned = method.lens_estimates() or {}
-    openings = [lens.half_opening(views[name].camera) for name, lens in learned.items() if name in views]
-    if settings.aperture is not None or not openings:
-        openings = [opening(one) for one in settings.aperture or (1.0,)]
-    else:
-        openings = [float(np.median(openings))]
+    openings = [usual_opening(method, dataset, bounds)]
+    if settings.aperture is not None:
+        first = dataset.training_views()[0].camera
+        openings = [opening_of(one, bounds, first) for one in settings.aperture]
     foci = [bounds.q_min + one * bounds.extent for one in settings.focus]
     return LensTrack(Track.even(openings, settings.ease), Track.even(foci, settings.ease))
 

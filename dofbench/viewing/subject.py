@@ -14,7 +14,7 @@ import numpy as np
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import Method, Rendering
 from dofbench.core.errors import InputError
-from dofbench.core.lens import ApertureShape, DisparityRange, Lens, PhysicalLens
+from dofbench.core.lens import ApertureShape, DisparityRange, PhysicalLens
 from dofbench.datasets.format.dataset import Dataset
 from dofbench.datasets.format.schema import MANIFEST
 from dofbench.evaluation.results.result import RESULT_FILE
@@ -22,8 +22,8 @@ from dofbench.evaluation.scoring.resolved import ResolvedCircles, photographs_of
 from dofbench.running.load_run import LoadedRun, load_run
 from dofbench.running.model import renderer
 from dofbench.running.snapshots import found, read_snapshot
+from dofbench.running.usual_lens import focus_range, learned_openings, opening_of, usual_opening
 from dofbench.viewing import camera_paths
-from dofbench.viewing.render import disparity_range
 
 _FIELD = 50.0  # degrees, vertical field of view for Gaussians without cameras
 _EXPECTED = "a run's folder (in training: with run --watch), a dataset's folder, or a .ply of Gaussians"
@@ -140,21 +140,19 @@ def _of_training(place: Path) -> Subject:
 def _of_method(method: Method, dataset: Dataset, name: str) -> Subject:
     photographs = _photographs(dataset)
     first = photographs[0].camera
-    bounds = disparity_range(method, dataset, first)
+    bounds = focus_range(method, dataset, first)
     cameras = {view.name: view.camera for view in dataset.training_views()}
-    learned = {name: lens for name, lens in (method.lens_estimates() or {}).items() if name in cameras}
-    openings = {name: lens.half_opening(cameras[name]) for name, lens in learned.items()}
+    learned, openings = method.lens_estimates() or {}, learned_openings(method, dataset)
     numbers = {view.name: view.exif.f_number for view in dataset.training_views() if view.exif is not None}
     scales = [opening * number for name, opening in openings.items() if (number := numbers.get(name))]
-    usual = Lens(1.0, 0.0).physical(bounds, first.width).half_opening(first)
-    opening = float(np.median(list(openings.values()))) if openings else usual
+    opening = usual_opening(method, dataset, bounds)
     return Subject(
         name=name,
         scene=dataset.checksum,
         photographs=photographs,
         up=camera_paths.mean_up([photograph.camera for photograph in photographs]),
         bounds=bounds,
-        opening=opening if opening > 0 else usual,
+        opening=opening if opening > 0 else opening_of(1.0, bounds, first),
         f_scale=float(np.median(scales)) if scales and np.median(scales) > 0 else None,
         render=lambda camera, lens, shape: renderer(method, shape)(camera, lens),
         circles=(lambda: ResolvedCircles(method, photographs_of(cameras, learned))) if learned else None,
@@ -166,7 +164,7 @@ def _of_dataset(dataset: Dataset) -> Subject:
     first = photographs[0].camera
     bounds = dataset.disparity_range or _range_of_points(dataset, first)
     lenses = [view.physical_lens.half_opening(view.camera) for view in dataset.views if view.physical_lens is not None]
-    usual = Lens(1.0, 0.0).physical(bounds, first.width).half_opening(first)
+    usual = opening_of(1.0, bounds, first)
     points = dataset.points
     return Subject(
         name=dataset.name,
@@ -213,13 +211,12 @@ def _of_splats(file: Path) -> Subject:
     camera = Camera(1080, 720, focal, focal, 540.0, 360.0, pose)
     bounds = DisparityRange(1 / (3 * reach), 1 / (0.5 * reach))
     start = Photograph("start", "train", camera, lambda: np.zeros((720, 1080, 3), np.float32))
-    usual = Lens(1.0, 0.0).physical(bounds, camera.width).half_opening(camera)
     return Subject(
         name=file.stem,
         scene="",
         photographs=(start,),
         up=np.array([0.0, -1.0, 0.0]),
         bounds=bounds,
-        opening=usual,
+        opening=opening_of(1.0, bounds, camera),
         render=lambda camera, lens, shape: renderer(model, shape)(camera, lens),
     )
