@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dofbench.core.errors import InputError
 from dofbench.core.files import (
     canonical_json,
     files_below,
@@ -92,3 +93,10 @@ def test_files_behind_links_are_found_once(tmp_path):
         here / f"d/{name}" for name in ("deep/x.json", "round/a/x.json", "round/b/x.json")
     ]
     assert files_below(tmp_path / "nothing", "*") == []
+
+
+def test_a_folder_in_the_way_is_named(tmp_path):
+    (tmp_path / "scores.csv").mkdir()
+    with pytest.raises(InputError, match=r"scores\.csv: found a folder"):
+        write_text(tmp_path / "scores.csv", "a")
+    assert list(tmp_path.iterdir()) == [tmp_path / "scores.csv"], "no temporary file is left"

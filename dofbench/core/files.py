@@ -27,7 +27,8 @@ TEMPORARY = ".dofbench-"
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary name beside `path`; rename it to `path` when the block succeeds.
 
-    The temporary name keeps the suffix, because image writers choose the format by it.
+    The temporary name keeps the suffix, because image writers choose the format by it. Raises InputError where `path`
+    is a folder.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -41,6 +42,8 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         yield temporary
         temporary.replace(path)
+    except IsADirectoryError:
+        raise InputError(path, "a folder", "a file, which is replaced, or nothing") from None
     except OSError as error:
         # A failed write names no file, and the temporary one means nothing to the user.
         if error.errno is not None and error.filename in (None, name):
