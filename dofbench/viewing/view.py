@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 
 from rich.console import Console
 
@@ -19,14 +19,16 @@ from dofbench.viewing.view_options import View
 from dofbench.viewing.viewer import serve
 
 
-def view(settings: View) -> None:
-    """Serve the viewer until the process is interrupted.
+def view(settings: View) -> bool:
+    """Serve the viewer until the process is interrupted, which is how it ends well.
 
     Raises InputError for what can't be shown, and an address that isn't free.
     """
     with viewing(settings) as address:
         say(Console(), address)
-        threading.Event().wait()
+        with suppress(KeyboardInterrupt):
+            threading.Event().wait()
+    return True
 
 
 @contextmanager

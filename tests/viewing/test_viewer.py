@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import http.client
+import signal
 import socket
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from chromium import Page, browser
+from small_dataset import write_dataset
 
 from dofbench.core.images import read_image
 from dofbench.core.jobs import Outcome
@@ -100,3 +104,14 @@ def test_a_stranger_sees_nothing(call: Callable[..., Outcome]) -> None:
             page.size(700, 600)
             page.open(address.replace("0.0.0.0", "127.0.0.1"))
             page.wait(AT_REST)
+
+
+def test_it_ends_well_by_ctrl_c(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "dofbench", "view", str(write_dataset(tmp_path / "data")), "--port", "8700"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None and process.stderr is not None
+        address = process.stdout.readline()
+        assert address.startswith("http://127.0.0.1:")
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=60) == 0
+        assert "interrupted" not in process.stderr.read()
