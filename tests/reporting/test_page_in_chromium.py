@@ -484,7 +484,7 @@ def test_the_refocus_slider_changes_every_frame(at_fit: Page) -> None:
 
 
 def test_a_film_is_there_to_be_played(at_fit: Page) -> None:
-    pytest.importorskip("av")
+    pytest.importorskip("av", reason="no package av: pip install dofbench[film]")
     if not at_fit.run("document.createElement('video').canPlayType('video/mp4; codecs=\"avc1.42E01E\"')"):
         pytest.skip("this Chromium plays no H.264")
     choose(at_fit, "picture-board", "waves, sharp-inputs-v3")

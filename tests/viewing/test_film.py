@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from known_scene import CAMERA, Known
+from tolerances import LEVEL_8BIT
 
 from dofbench.core.errors import InputError
 from dofbench.core.images import read_image, write_png
@@ -27,7 +28,7 @@ def test_a_focus_pull_is_rendered_frame_by_frame(tmp_path: Path) -> None:
     files = render_frames(Known().render, frames, tmp_path)
     for frame, file in zip(frames, files, strict=True):
         expected = Known().render(frame.camera, frame.lens).image
-        assert np.abs(read_image(file) - expected).max() <= 0.5001 / 255
+        assert np.abs(read_image(file) - expected).max() <= 0.51 * LEVEL_8BIT  # half a level, and float32
     assert frames_of(dolly(CAMERA, 0.1), None, 1)[0].lens is None
 
 
@@ -66,8 +67,8 @@ def test_a_video_shows_its_frames(tmp_path: Path) -> None:
         shown = [frame.to_ndarray(format="rgb24") / 255 for frame in container.decode(stream)]
     assert len(shown) == 5
     for image, file in zip(shown, files, strict=True):
-        # Colours have half the resolution in the video, so brightness is compared.
-        assert np.abs((image - read_image(file)).mean(axis=2)).mean() < 0.02
+        # Colours have half the resolution in the video, so brightness is compared: five levels in the mean.
+        assert np.abs((image - read_image(file)).mean(axis=2)).mean() < 5 / 255
     assert not list(tmp_path.glob(".*")), "no part is left"
 
 
@@ -82,7 +83,8 @@ def test_an_animation_shows_its_frames(tmp_path: Path) -> None:
         for index, file in enumerate(files):
             animation.seek(index)
             shown = np.asarray(animation.convert("RGB")) / 255
-            assert np.abs((shown - read_image(file)).mean(axis=2)).mean() < 0.02
+            # Lossy, and with colours at half the resolution: five levels in the mean.
+            assert np.abs((shown - read_image(file)).mean(axis=2)).mean() < 5 / 255
 
 
 def test_frames_that_make_no_video_are_named(tmp_path: Path) -> None:

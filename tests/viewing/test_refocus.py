@@ -46,6 +46,7 @@ def test_the_point_chosen_stays_sharp(scene, at: str, sharp: slice, soft: slice)
     image, _ = scene
     assert main(["refocus", "image.png", "--depth", "depth.exr", "--at", at, "--aperture", "2"]) == 0
     found = read_image(Path("image-refocused.png"))
+    # Two levels: of rounding the image that was read, and the one that was written.
     assert np.abs(found[20:52, sharp] - image[20:52, sharp]).max() < 2 / 255
     assert contrast(found, soft) < 0.3 * contrast(image, soft)
 
@@ -76,7 +77,8 @@ def test_an_f_number_blurs_as_a_thin_lens(scene) -> None:
     assert 1 < radius < 3
     away = np.abs(np.arange(WIDTH) - WIDTH // 2) > 2 * radius + 2  # what is hidden at the edge is made up by both
     assert np.abs(found - np.clip(expected, 0, 1))[:, away].max() < 2 / 255
-    assert np.abs(found - np.clip(expected, 0, 1)).max() < 0.1
+    # There, too, it is no farther off than an eighth of the stripes' contrast.
+    assert np.abs(found - np.clip(expected, 0, 1)).max() < 0.8 / 8
 
 
 def test_linear_light_and_the_disparity_used_are_written(scene) -> None:
@@ -95,6 +97,7 @@ def test_a_network_gives_the_depth(scene, tmp_path: Path) -> None:
     assert main(["refocus", "halves.png", "--depth", f"onnx:{network}", "--save-depth", "d.exr"]) == 0
     normalised = read_exr(Path("d.exr"))
     assert normalised.shape == (HEIGHT, WIDTH)
+    # The guided filter pulls each half towards the other a little: a twentieth of their difference at most.
     assert np.abs(normalised[:, :40] - 1).max() < 0.05 and np.abs(normalised[:, 56:]).max() < 0.05
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from known_scene import CAMERA
+from tolerances import FLOAT64_VALUE, LEVEL_8BIT
 
 from dofbench.cli.app import main
 from dofbench.core.errors import InputError
@@ -38,7 +39,7 @@ def test_a_still_is_the_methods_own_rendering(call: Call, tmp_path: Path) -> Non
     expected = run.method.render(camera, PhysicalLens(0.0, 0.2, camera.width)).image
     assert not (out / "film.mp4").exists()
     (found,) = frames(out)
-    assert np.abs(found - np.clip(expected, 0, 1)).max() <= 0.51 / 255
+    assert np.abs(found - np.clip(expected, 0, 1)).max() <= 0.51 * LEVEL_8BIT  # half a level, and float32
 
 
 @pytest.mark.parametrize("path", ["training", "spiral", "orbit", "dolly", "dolly-zoom"])
@@ -58,7 +59,7 @@ def test_linear_frames_and_depth(call: Call, tmp_path: Path) -> None:
     shown = frames(tmp_path / "png")[1]
     # Half a level of an 8-bit PNG, and a half float's 11 bits.
     slope = 2.2 * np.clip(shown + 0.5 / 255, 0, 1) ** 1.2
-    assert (np.abs(light - decode(shown)) <= 0.51 / 255 * slope + 2.0**-11).all()
+    assert (np.abs(light - decode(shown)) <= 0.51 * LEVEL_8BIT * slope + 2.0**-11).all()
     assert (read_exr(tmp_path / "exr" / "depth" / "0001.exr") == 1).all(), "the fake's depth"
 
 
@@ -79,7 +80,7 @@ def test_keyframes_lead_camera_and_lens(call: Call, tmp_path: Path) -> None:
     assert read_keyframes(path) == keys, "sorted by moment"
     move, track = film_of(read_keyframes(path), first)
     for moment, camera in ((0.0, first), (1.0, last)):
-        assert move(moment).world_to_camera == pytest.approx(camera.world_to_camera, abs=1e-9)
+        assert move(moment).world_to_camera == pytest.approx(camera.world_to_camera, abs=10 * FLOAT64_VALUE)
     lens = track.lens(0.5, move(0.5))
     assert lens.focus_disparity == pytest.approx(0.35) and lens.half_opening(move(0.5)) == pytest.approx(0.02)
     out = tmp_path / "film"
