@@ -24,10 +24,10 @@ def view(settings: View) -> bool:
 
     Raises InputError for what can't be shown, and an address that isn't free.
     """
-    with viewing(settings) as address:
+    # Who reads the address may interrupt at once, before the wait has begun.
+    with viewing(settings) as address, suppress(KeyboardInterrupt):
         say(Console(), address)
-        with suppress(KeyboardInterrupt):
-            threading.Event().wait()
+        threading.Event().wait()
     return True
 
 
