@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Literal, get_args
 
 import numpy as np
@@ -22,6 +22,8 @@ from dofbench.viewing.subject import Photograph, Subject
 
 Layer = Literal["image", "all in focus", "depth", "circle of confusion", "resolved", "photograph", "error"]
 LAYERS: tuple[Layer, ...] = get_args(Layer)
+_COMPARED = ("photograph", "error")  # need a photograph
+_BLURRED = ("image", *_COMPARED)  # seen through the lens
 _NEAR_ENOUGH = 1e-3  # of the scene's nearest depth, and radians: a camera so close to a photograph's is at it
 _LINE = np.array([255, 255, 255], np.uint8)
 
@@ -31,10 +33,12 @@ class Look:
     """What is shown, and through which lens.
 
     half_opening: scene units, 0 for all in focus. focus_disparity: 1 / scene unit. exposure: stops. wipe: share of the
-    width, from the left, that shows the photograph instead, where the camera is at one.
+    width, from the left, that shows the layer `left` instead of `layer`. Where the camera is at no photograph, there is
+    none to show or to compare with.
     """
 
     layer: Layer = "image"
+    left: Layer = "photograph"
     half_opening: float = 0.0
     focus_disparity: float = 0.0
     shape: ApertureShape = ApertureShape()
@@ -97,15 +101,22 @@ def _pane(subject: Subject, camera: Camera, look: Look, draft: bool) -> tuple[np
     if subject.render is None:  # a dataset: only its own photographs
         shown = np.zeros((camera.height, camera.width, 3), np.float32) if photographed is None else photographed
         return _exposed(shown, look.exposure), np.zeros(shown.shape[:2], np.float32)
-    blurred = look.layer in ("image", "photograph", "error") and look.half_opening > 0
     lens = PhysicalLens(look.half_opening * camera.fx, look.focus_disparity, camera.width)
-    rendering = _rendered(subject, camera, lens if blurred else None, look.shape, draft)
-    pixels = _layer(subject, camera, look, lens, rendering, photographed)
+
+    @cache
+    def rendered(blurred: bool) -> Rendering:
+        return _rendered(subject, camera, lens if blurred else None, look.shape, draft)
+
+    def pixels_of(layer: Layer) -> tuple[np.ndarray, np.ndarray]:
+        rendering = rendered(layer in _BLURRED and look.half_opening > 0)
+        return _layer(subject, camera, replace(look, layer=layer), lens, rendering, photographed), rendering.depth
+
+    pixels, depth = pixels_of(look.layer)
     edge = round(look.wipe * camera.width)
-    if photographed is not None and edge > 0:
-        pixels[:, :edge] = _exposed(photographed, look.exposure)[:, :edge]
+    if edge > 0 and (photographed is not None or look.left not in _COMPARED):
+        pixels[:, :edge] = pixels_of(look.left)[0][:, :edge]
         pixels[:, max(0, edge - 1) : edge] = _LINE
-    return pixels, rendering.depth
+    return pixels, depth
 
 
 def _rendered(

@@ -141,11 +141,12 @@ class _Session:
             self._rotation = gui.add_slider("rotation", min=0, max=120, step=5, initial_value=0, hint="degrees")
             self._exposure = gui.add_slider("exposure", min=-3.0, max=3.0, step=0.1, initial_value=0.0, hint="stops")
         with gui.add_folder("Picture"):
-            self._layer = gui.add_dropdown("show", options=self._layers(), initial_value="image")
+            self._layer = gui.add_dropdown("show", options=self._layers(), initial_value=self._layers()[0])
             names = (_FREE, *(photograph.name for photograph in subject.photographs))
             self._view = gui.add_dropdown("at", options=names, initial_value=subject.photographs[0].name)
-            self._wipe = gui.add_slider(
-                "wipe", min=0.0, max=1.0, step=0.01, initial_value=0.0, hint="From the left: the photograph"
+            self._wipe = gui.add_slider("wipe", min=0.0, max=1.0, step=0.01, initial_value=0.0)
+            self._left = gui.add_dropdown(
+                "left of it", options=self._layers(), initial_value="photograph", hint="Left of the wipe"
             )
             self._cameras = gui.add_checkbox("cameras", initial_value=False)
         with gui.add_folder("Film", expand_by_default=False):
@@ -160,6 +161,7 @@ class _Session:
             self._exposure,
             self._layer,
             self._wipe,
+            self._left,
         ):
             control.on_update(lambda _: self._changed.set())
         self._opening.on_update(self._show_f_number)
@@ -170,7 +172,7 @@ class _Session:
 
     def _layers(self) -> tuple[str, ...]:
         if self._subjects[0].render is None:
-            return ("image",)
+            return ("photograph",)
         return tuple(layer for layer in LAYERS if layer != "resolved" or self._subjects[0].circles is not None)
 
     def _set_f_number(self, event: Any) -> None:
@@ -265,6 +267,7 @@ class _Session:
             shape=ApertureShape(blades if blades >= 3 else 0, math.radians(self._rotation.value)),
             exposure=float(self._exposure.value),
             wipe=float(self._wipe.value),
+            left=self._left.value,  # type: ignore[arg-type]
         )
 
     # ---- keyframes ----

@@ -64,7 +64,13 @@ def test_a_photograph_is_compared_at_its_own_camera_alone() -> None:
     half = CAMERA.width // 2
     assert np.array_equal(wiped[:, : half - 1], to_8bit(PHOTOGRAPHED)[:, : half - 1])
     assert np.array_equal(wiped[:, half:], shown(LOOK)[:, half:])
+    error = shown(replace(LOOK, layer="all in focus", left="error", wipe=0.5))
+    assert np.array_equal(error[:, : half - 1], shown(replace(LOOK, layer="error"))[:, : half - 1])
+    assert np.array_equal(error[:, half:], shown(replace(LOOK, layer="all in focus"))[:, half:])
     moved = dolly(CAMERA, 0.1)(1.0)
+    depth = shown(replace(LOOK, left="depth", wipe=0.5), moved)
+    assert np.array_equal(depth[:, : half - 1], shown(replace(LOOK, layer="depth"), moved)[:, : half - 1])
+    assert np.array_equal(shown(replace(LOOK, wipe=0.5), moved), shown(LOOK, moved))
     assert at_photograph(SUBJECT, moved) is None and at_photograph(SUBJECT, CAMERA) is SUBJECT.photographs[0]
     assert np.array_equal(shown(replace(LOOK, layer="photograph"), moved), shown(LOOK, moved))
 

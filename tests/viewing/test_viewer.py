@@ -71,6 +71,21 @@ def test_a_click_focuses_and_a_drag_moves(page: Page, tmp_path: Path) -> None:
     assert not [error for error in page.errors if "deprecated" not in error and "GPU stall" not in error]
 
 
+def test_the_wipe_shows_another_layer_left_of_it(page: Page, tmp_path: Path) -> None:
+    before = pixels(page, tmp_path)
+    page.run(
+        "(() => { const row = [...document.querySelectorAll('label')].find(one => one.innerText.trim() === 'wipe');"
+        "let box = row.parentElement; while (!box.querySelector('input[type=text]')) box = box.parentElement;"
+        "const input = box.querySelector('input[type=text]'); input.focus(); input.select(); })()"
+    )
+    page.call("Input.insertText", text="0.5")
+    page.key("Enter")
+    wiped = pixels(page, tmp_path, unlike=before)
+    changed = np.abs(wiped - before).mean(axis=(0, 2))
+    middle = wiped.shape[1] // 2
+    assert changed[middle + 25 :].max() < changed[: middle - 25].mean(), "left alone, and the photograph differs"
+
+
 def test_keyframes_are_saved_for_a_film(page: Page, tmp_path: Path) -> None:
     def press(text: str) -> None:
         page.run(f"[...document.querySelectorAll('button')].find(one => one.innerText.includes({text!r})).click()")
