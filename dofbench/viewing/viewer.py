@@ -32,6 +32,7 @@ _FRAME = 1 / 18  # s, aim for a picture while something moves: 15 a second, and 
 _REST = 0.25  # s without a change after which the full picture is made
 _LOOK = 1.0  # s between two looks for something new of a running training
 _LEAST = 128  # px, least width of a picture
+_POINT = 0.005  # size of a point, in its distance from the cameras: a few pixels
 _FREE = "free"
 _OPENINGS = 4.0  # the slider's end, in openings to start with
 
@@ -149,21 +150,15 @@ class _Session:
                 "left of it", options=self._layers(), initial_value="photograph", hint="Left of the wipe"
             )
             self._cameras = gui.add_checkbox("cameras", initial_value=False)
-        with gui.add_folder("Film", expand_by_default=False):
+        with gui.add_folder("Film", expand_by_default=False) as film:
             add, save = gui.add_button("add keyframe"), gui.add_button("save keyframes")
             self._saved = gui.add_markdown("")
         self._info = gui.add_markdown("")
-        for control in (
-            self._opening,
-            self._focus,
-            self._blades,
-            self._rotation,
-            self._exposure,
-            self._layer,
-            self._wipe,
-            self._left,
-        ):
+        rendered = (self._opening, self._focus, self._blades, self._rotation, self._layer, self._wipe, self._left)
+        for control in (*rendered, self._exposure):
             control.on_update(lambda _: self._changed.set())
+        for part in (*rendered, film):
+            part.visible = subject.render is not None  # a dataset has its photographs and points alone
         self._opening.on_update(self._show_f_number)
         self._view.on_update(lambda _: self._go_to_name(self._view.value))
         self._cameras.on_update(lambda _: self._toggle_cameras())
@@ -218,7 +213,8 @@ class _Session:
             self._frustums.append(frustum)
         points = self._subjects[0].points
         if points is not None:
-            size = 0.002 * reach
+            away = float(np.median(np.linalg.norm(points[0] - centres.mean(axis=0), axis=1)))
+            size = _POINT * away
             self._client.scene.add_point_cloud("/points", points=points[0], colors=points[1], point_size=size)
 
     def _chosen(self, name: str, _: object) -> None:
@@ -330,11 +326,12 @@ class _Session:
 
     def _tell(self, camera: Camera, look: Look, seconds: float, draft: bool) -> None:
         depth = f"{1 / look.focus_disparity:.3g}" if look.focus_disparity > 0 else "infinity"
+        focus = "" if self._subjects[0].render is None else f"focus at {depth} scene units  \n"
         names = " · ".join(subject.name for subject in self._subjects)
         state = "moving" if draft else "at rest"
         steps = [f"step {version}" for version in self._versions() if version]
         self._info.content = (
-            f"**{' · '.join([names, *steps])}**  \nfocus at {depth} scene units  \n"
+            f"**{' · '.join([names, *steps])}**  \n{focus}"
             f"{camera.width} × {camera.height} px, {1000 * seconds:.0f} ms ({state})"
         )
 
