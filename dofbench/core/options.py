@@ -52,7 +52,7 @@ def options(*, kw_only: bool = False) -> Callable[[type[Kind]], type[Kind]]:
     """Make a class a frozen pydantic dataclass that raises InputError, which names the option as it is typed."""
 
     def decorated(kind: type[Kind]) -> type[Kind]:
-        config = ConfigDict(allow_inf_nan=False)
+        config = ConfigDict(allow_inf_nan=False, extra="forbid")
         made: Any = pydantic.dataclasses.dataclass(frozen=True, kw_only=kw_only, config=config)(kind)
         validated = made.__init__
 
@@ -61,7 +61,7 @@ def options(*, kw_only: bool = False) -> Callable[[type[Kind]], type[Kind]]:
             try:
                 validated(self, *args, **values)
             except ValidationError as error:
-                mistake = _input_error(error.errors()[0])
+                mistake = _input_error(made, error.errors())
             except InputError as error:
                 mistake = error
             else:
@@ -99,7 +99,12 @@ _EXPECTED = {
 }
 
 
-def _input_error(error: ErrorDetails) -> InputError:
+def _input_error(kind: type, errors: Sequence[ErrorDetails]) -> InputError:
+    unknown = [error["loc"][0] for error in errors if error["type"] == "unexpected_keyword_argument"]
+    if unknown:
+        names = ", ".join(sorted(at.name for at in fields(kind)))
+        return InputError(kind.__name__, f"option {unknown[0]}", f"one of {names}")
+    error = errors[0]
     context: Mapping[str, Any] = error.get("ctx", {})
     if isinstance(context.get("error"), InputError):
         return context["error"]

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from dofbench.cli import app
 from dofbench.core.budget import Budget, parse_budget
 from dofbench.core.errors import InputError
+from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.evaluation.results.run_spec import RunSpec, parse_overrides
 
 STEPS = st.integers(1, 10**6)
@@ -86,3 +87,9 @@ def test_the_command_says_the_same_run() -> None:
     words = shlex.split(settings.command())
     assert words[:2] == ["dofbench", "run"]
     assert app.parse(words[1:]).cells() == (settings,)
+
+
+@pytest.mark.parametrize("kind", [RunSpec, MakeDataset])
+def test_an_option_that_does_not_exist_is_refused(kind: type) -> None:
+    with pytest.raises(InputError, match=r"nonsense.*\bseed\b"):
+        kind(nonsense=3)
