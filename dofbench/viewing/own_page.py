@@ -70,7 +70,7 @@ def own_page(run: LoadedRun, folder: Path, report: Path, progress: Progress) -> 
         pairs=pairs,
         film=film,
         lens=lensed is not None,
-        no_lens=_why_no_lens(run),
+        reason=_about_lens(run),
         facts=facts(run),
         model=f"{MODEL}/{_KEPT[0]}" if (folder / MODEL / _KEPT[0]).is_file() else "",
         report=_relative(report, folder),
@@ -95,6 +95,8 @@ def facts(run: LoadedRun) -> list[tuple[str, str]]:
         found.append(("prediction of the held-out photographs", f"PSNR {scores['photo_psnr']:.2f} dB{ssim}"))
     if "photo_sharp_psnr" in scores:
         found.append(("the same without a lens", f"PSNR {scores['photo_sharp_psnr']:.2f} dB"))
+    if reason := _about_lens(run):
+        found.append(("is there a lens", reason))
     if "resolved" in scores:
         found.append(("pixels that some photograph shows sharp", f"{scores['resolved']:.0f} %"))
     if "train_s" in scores:
@@ -145,10 +147,10 @@ def _film(run: LoadedRun, start: DatasetView, folder: Path, lensed: bool, progre
     return f"{FILM}/film.mp4"
 
 
-def _why_no_lens(run: LoadedRun) -> str:
-    """The reason that training or the plan gave; "" without one."""
+def _about_lens(run: LoadedRun) -> str:
+    """Why training or the plan kept the lens, left it out, or decided nothing; "" without a reason."""
     for stage in run.result.plan.get("stages", []):
-        if stage.get("name") == "lens" and not stage.get("runs"):
+        if stage.get("name") == "lens":
             return str(stage.get("reason", ""))
     return run.result.left_out_stages.get("lens", "")
 

@@ -9,11 +9,12 @@ from made_up import cloud, frontal
 from tolerances import DEVIATION_OF_4000, FLOAT32_GRADIENT, FLOAT32_SCALAR, FLOAT32_VALUE
 
 from dofbench.core.errors import InputError
+from dofbench.core.lens import DisparityRange
 from dofbench.methods.cards import find_method
 from dofbench.runtime.raster import ViewStatistics
 from dofbench.training.gaussians.density import DensityControl, DensityOptions, rotate
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
-from dofbench.training.gaussians.model import PARAMETERS, Gaussians, scene_extent
+from dofbench.training.gaussians.model import PARAMETERS, Gaussians, near_plane, scene_extent
 from dofbench.training.gaussians.optimiser import GaussianOptimiser, RateOptions
 
 splatting = import_module("dofbench.methods.3dgs.method")
@@ -298,6 +299,14 @@ def test_the_filter_counts_views_behind_the_near_plane_and_up_to_15_per_cent_bes
     gaussians.update_filter_3d([camera])
     expected = [(z if seen else 9.0) / 10 * math.sqrt(0.2) for *_, z, seen in places]
     assert np.allclose(gaussians.filter_3d.numpy(), expected, rtol=FLOAT32_VALUE)
+
+
+@pytest.mark.parametrize(("share", "near"), [(0.0, 0.2), (0.5, 2.0)])
+def test_the_near_plane_is_a_share_of_the_nearest_depth(share, near):
+    """The nearest points are at 4."""
+    bounds = DisparityRange(0.01, 0.25)
+    assert near_plane(bounds, share) == pytest.approx(near)
+    assert near_plane(DisparityRange(1.0, 100.0)) == pytest.approx(0.0025), "a macro scene in metres"
 
 
 def test_saving_and_loading_gives_the_same_bits(tmp_path):

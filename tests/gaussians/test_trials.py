@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from made_up import Recorder
+from scipy.ndimage import gaussian_filter
 from small_scene import options, training_set
 from tolerances import ONE_STEP
 
@@ -14,6 +15,7 @@ from dofbench.core.budget import Budget
 from dofbench.core.errors import Status
 from dofbench.core.image_files.exif import Exif
 from dofbench.training.common.held_out import HeldOutScores
+from dofbench.training.common.reproduction import Reproduction, reproduction
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.trainer import Trainer
 from dofbench.training.gaussians.trials import Trials, questions
@@ -77,6 +79,11 @@ class Scripted:
     def foci_apart(self):
         return self._apart
 
+    shown = Reproduction(40.0, 0.0)
+
+    def reproduction(self):
+        return self.shown
+
 
 def _decided(trainer, asked="lens,share,model"):
     trials = Trials(trainer, GaussianOptions.of(lens_trials=asked, lens_trials_steps=0.03))
@@ -111,6 +118,47 @@ def test_when_a_lens_is_left_out(gain, circle, runs):
 def test_a_small_lens_that_may_explain_something_by_chance_is_left_out():
     _, decided = _decided(Scripted({**GOOD, "view": 0.03}, circle=0.8, noise=0.2), "lens")
     assert decided == {"lens": False}
+
+
+@pytest.mark.parametrize(
+    ("shown", "asked"),
+    [
+        (Reproduction(25.1, -2.9), True),
+        (Reproduction(24.9, 0.0), False),  # not reproduced
+        (Reproduction(30.0, -3.1), False),  # by blurrier renderings
+    ],
+)
+def test_nothing_is_asked_about_a_lens_before_the_scene_stands(shown, asked):
+    trainer = Scripted({**GOOD, "view": -0.5})
+    trainer.shown = shown
+    trials = Trials(trainer, GaussianOptions.of(lens_trials="lens,share,model", lens_trials_from=25.0))
+    step, decisions = trials.decide(400, 1000, 0.4)
+    assert step > 400 and not trials.open
+    if asked:
+        assert not decisions[0].runs and "lens gain" in decisions[0].figures
+        return
+    assert trainer.changes == {} and len(trainer.log) == 1, "training goes on as it was"
+    (decision,) = decisions
+    assert (
+        decision.stage == "lens"
+        and decision.runs
+        and decision.figures
+        == {
+            "reproduced": shown.psnr,
+            "detail": shown.detail,
+        }
+    )
+
+
+def test_reproduction_sees_errors_and_blur_but_no_masked_pixel():
+    view = training_set().views[0]
+    left = np.broadcast_to(np.arange(view.camera.width) < 8, view.image.shape[:2])
+    same = reproduction([view], lambda _: view.image)
+    assert same.detail == 0
+    wrong = np.where(left[..., None], view.image, 1 - view.image)
+    assert reproduction([view], lambda _: wrong).psnr < same.psnr - 20
+    assert reproduction([dataclasses.replace(view, mask=left)], lambda _: wrong).psnr == same.psnr
+    assert reproduction([view], lambda _: gaussian_filter(view.image, (3, 3, 0))).detail < -3
 
 
 def test_without_a_lens_nothing_else_is_asked():

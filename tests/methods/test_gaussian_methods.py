@@ -201,7 +201,8 @@ def test_the_baseline_is_trained_as_well_as_our_method():
 
 # What the trainer shares on both boards.
 SHARED = """steps coarse_until coarse_factor cooldown_from cooldown_to sh_degree sh_every edge_weight ssim_weight
-    colour_per_view start_points means_lr means_lr_final sh_dc_lr sh_rest_lr opacity_lr scale_lr rotation_lr
+    colour_per_view start_points start_behind means_lr means_lr_final sh_dc_lr sh_rest_lr opacity_lr scale_lr
+    rotation_lr
     grow_gradient grow_absolute reset_every max_gaussians""".split()
 # The trainer's too, on the shared board: there depth is supervised in every method, in most by its own tuned weight.
 SHARED_DEPTH = "depth_prior depth_space depth_norm depth_decay".split()
@@ -217,7 +218,8 @@ def test_as_published_nothing_is_shared_that_a_paper_has_not(name):
     base, theirs = (options.with_overrides(shared_of(one, "short")).flat() for one in ("mipsplatting", name))
     own = OF_AUTHORS.get(name, {})
     assert {key: theirs[key] for key in SHARED} == {key: base[key] for key in SHARED} | own
-    published = {"edge_weight": 0.0, "start_points": 0, "colour_per_view": "off", "ssim_weight": 0.2} | own
+    published = {"edge_weight": 0.0, "start_points": 0, "start_behind": 0.0, "colour_per_view": "off"}
+    published |= {"ssim_weight": 0.2} | own
     assert {key: theirs[key] for key in published} == published
     assert (theirs["depth_weight"] > 0) is (name == "dofgaussian")  # whose contribution it is
 

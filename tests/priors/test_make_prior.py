@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from dofbench.core.errors import InputError, Status
 from dofbench.running.execution import miniature
 from dofbench.running.observer import OneStep
 from dofbench.training.common.depth import DepthMap, sparse_depth
-from dofbench.training.common.priors import make_prior, with_surface_points
+from dofbench.training.common.priors import DensePrior, make_prior, with_points_behind, with_surface_points
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.trainer import Trainer
 
@@ -136,6 +137,59 @@ def test_gaussians_start_on_the_priors_surfaces(photographed):
     assert trainer.fit(Budget(), observer).status is Status.OK
     assert len(held) == len(cloud) and held is trainer.gaussians
     assert observer.told[0] == ("depth prior: sweep", 0, 6) and ("depth prior: sweep", 6, 6) in observer.told
+
+
+def _half_known(training_set, depth: float) -> DensePrior:
+    """Depth in the left half of every view alone."""
+    maps = []
+    for view in training_set.views:
+        known = np.zeros(view.image.shape[:2], np.float32)
+        known[:, : known.shape[1] // 2] = 1
+        maps.append(DepthMap(depth * known, known))
+    return DensePrior(maps)
+
+
+def test_points_start_behind_what_is_known_where_nothing_is(photographed):
+    training_set, near = photographed.training_set, 2.0
+    points = training_set.points
+    cloud = with_points_behind(training_set, points, _half_known(training_set, near), 6000, 0)
+    # A share of the points asked for, as the unknown share of the image.
+    added = len(cloud) - len(points)
+    assert np.array_equal(cloud.xyz[: len(points)], points.xyz) and 0.45 * 6000 < added < 0.5 * 6000
+    # The first view's come first, with the colours of its pixels.
+    view = training_set.views[0]
+    count = added // len(training_set.views)
+    own = slice(len(points), len(points) + count)
+    xy, depth = view.camera.project(cloud.xyz[own])
+    assert (xy[:, 0] > view.camera.width / 2).all(), "where no depth is known"
+    assert np.array_equal(cloud.rgb[own], view.image[tuple(xy.astype(int).T[::-1])])
+    # Evenly in disparity, from near infinity to the nearest known depth.
+    share = near / depth
+    assert 0 < share.min() < 0.05 and 0.95 < share.max() < 1
+    assert np.abs(np.quantile(share, [0.25, 0.5, 0.75]) - [0.25, 0.5, 0.75]).max() < 4 * 0.5 / np.sqrt(count)
+
+
+def test_no_points_start_behind_where_all_is_known_or_masked(photographed):
+    training_set = photographed.training_set
+    masked = replace(
+        training_set,
+        views=tuple(
+            replace(view, mask=np.arange(view.camera.width)[None] < np.full((view.camera.height, 1), 80))
+            for view in training_set.views
+        ),
+    )
+    prior = _half_known(training_set, 2.0)
+    assert len(with_points_behind(masked, masked.points, prior, 6000, 0)) == len(masked.points)
+
+
+def test_the_training_starts_with_them(photographed):
+    found = []
+    for behind in (0.0, 1.0):
+        chosen = _options(depth_prior="stereo", start_points=900, start_behind=behind, steps=1, densify_from=1.0)
+        trainer = Trainer(photographed.training_set, chosen, 0)
+        trainer.fit(Budget(), _Forever())
+        found.append(len(trainer.gaussians))
+    assert found[0] < found[1] < found[0] + 900
 
 
 def test_a_start_needs_no_supervision(photographed):

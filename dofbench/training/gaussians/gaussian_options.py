@@ -81,6 +81,10 @@ class TrialOptions:
     """Length of each trial; beyond 200 steps only as far as its visits need it. Unit: share of the training. Source:
     own."""
 
+    lens_trials_from: float = 0.0
+    """PSNR of the training photographs from which trials ask about a lens; below, or where renderings have less than
+    half the photographs' detail, the scene isn't reconstructed. 0 for any. Unit: dB. Source: own."""
+
     def __post_init__(self) -> None:
         unknown = sorted(set(filter(None, self.lens_trials.split(","))) - set(QUESTIONS))
         if unknown:

@@ -161,10 +161,11 @@ class Gaussians:
         return Gaussians(arrays, arrays.get("filter_3d"), float(near))
 
 
-def near_plane(sparse: DisparityRange) -> float:
-    """The near plane of a scene, scene units: 3DGS's, or nearer if the sparse points reach so near. The unit of a
-    reconstruction is arbitrary, and a macro scene in metres is within 3DGS's near plane as a whole."""
-    return min(NEAR, 1 / (NEAREST_SHARE * sparse.q_max))
+def near_plane(sparse: DisparityRange, share: float = 0.0) -> float:
+    """The near plane of a scene, scene units: at `share` of the distance of the nearest sparse points; with 0 3DGS's,
+    or nearer if the sparse points reach so near. The unit of a reconstruction is arbitrary, and a macro scene in
+    metres is within 3DGS's near plane as a whole."""
+    return share / sparse.q_max if share > 0 else min(NEAR, 1 / (NEAREST_SHARE * sparse.q_max))
 
 
 def scene_extent(cameras: Sequence[Camera]) -> float:

@@ -32,6 +32,10 @@ class AppearanceOptions:
     filter_3d: bool = True
     """Whether Gaussians are at least as large as their finest sampling. Unit: none. Source: Mip-Splatting."""
 
+    near_share: float = 0.0
+    """Near plane of the scene: what is nearer to a camera isn't drawn. 0 for 3DGS's 0.2 scene units, or nearer if the
+    sparse points reach so near. Unit: distance of the nearest sparse points. Source: own."""
+
     @property
     def filter_2d_fades(self) -> bool:
         """Whether the 2D filter lowers opacities."""

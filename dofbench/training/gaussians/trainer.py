@@ -23,7 +23,8 @@ from dofbench.training.common.lenses import LearnedLenses
 from dofbench.training.common.monitor import NonFiniteError, Place, ReportedLoss, StageClock
 from dofbench.training.common.pace import Pace
 from dofbench.training.common.photograph_colours import LearnedColours
-from dofbench.training.common.priors import Prior, make_prior, with_surface_points
+from dofbench.training.common.priors import Prior, make_prior, with_points_behind, with_surface_points
+from dofbench.training.common.reproduction import Reproduction, reproduction
 from dofbench.training.common.views import ScaledView, scaled_views
 from dofbench.training.gaussians.early_stopping import Best, EarlyStopping
 from dofbench.training.gaussians.forward_model import SharpView, Shot
@@ -154,7 +155,11 @@ class Trainer:
             except FloatingPointError as error:
                 raise Place(0, "").error("depth prior", str(error)) from None
         if self._prior is not None and count > 0:
-            self.state.start_from(with_surface_points(self._training_set, self._prior, count, self._seed))
+            points = with_surface_points(self._training_set, self._prior, count, self._seed)
+            behind = round(options.prior.start_behind * count)
+            if behind > 0:
+                points = with_points_behind(self._training_set, points, self._prior, behind, self._seed)
+            self.state.start_from(points)
 
     def _scale_views(self) -> dict[int, list[ScaledView]]:
         options = self.options
@@ -271,6 +276,9 @@ class Trainer:
 
     def foci_apart(self) -> float:
         return foci_apart(self.state.shots(), self.state.range)
+
+    def reproduction(self) -> Reproduction:
+        return reproduction(self.views, self.render_view)
 
     def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
         """Render at any camera: through a lens, or all in focus."""

@@ -62,7 +62,7 @@ class TrainingState:
         self.random = np.random.default_rng(seed)
         assert training_set.points is not None  # `Gaussians.from_points` refuses a training set without
         self.range = DisparityRange.of_disparity(all_disparities(training_set.points, self.cameras))
-        self.gaussians.near = near_plane(self.range)
+        self.gaussians.near = near_plane(self.range, options.appearance.near_share)
         self.lenses: LearnedLenses | None = None
         if options.lens.lens:
             self.lenses = first_lenses(self._views, self.range, options.lens, device)

@@ -26,6 +26,7 @@ import numpy as np
 from dofbench.core.contracts import Decision, TrainingView
 from dofbench.core.progress import Update, silent
 from dofbench.training.common.held_out import HeldOutScores
+from dofbench.training.common.reproduction import Reproduction
 from dofbench.training.gaussians.forward_model import ForwardModel
 from dofbench.training.gaussians.gaussian_options import QUESTIONS, GaussianOptions
 
@@ -34,6 +35,7 @@ VISITS = 2  # smallest number of visits of each photograph in a trial
 MOST = 0.06  # largest share of the training's steps that a trial may take
 LONGEST = 200  # steps of a trial, unless its visits need more: longer ones decide alike (docs/notes/lens.md)
 MOST_TIME = 0.35  # largest share of a limited training time that all trials may take
+BLURRIER = -3.0  # dB: with less detail than this, half the photograph's, a rendering is blurrier than the photograph
 NO_CIRCLE = 0.3  # px: smaller CoC radii are invisible in an image
 EXPLAINED = 0.01  # dB, held-out: a lens with a smaller gain isn't kept (reports/lens)
 WORTH = 0.05  # dB, held-out: with a smaller difference the simpler setting counts as equally good
@@ -81,6 +83,9 @@ class Trainee(Protocol):
     def foci_apart(self) -> float:
         """See `lens_renderer.foci_apart`, px."""
 
+    def reproduction(self) -> Reproduction:
+        """Compare the training photographs with their renderings."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Attempt:
@@ -102,6 +107,7 @@ class Trials:
         self._trainee = trainee
         self._open = questions(options) if options.lens.lens else ()
         self._at, self._share = options.trials.lens_trials_at, options.trials.lens_trials_steps
+        self._least = options.trials.lens_trials_from
 
     @property
     def open(self) -> bool:
@@ -141,6 +147,9 @@ class Trials:
         # The first trial is no detour, since training goes on as it was, so its time isn't limited.
         best, decisions = attempt({}, "the current setting", unlimited), []
         assert best is not None
+        if "lens" in questions_open and self._least > 0 and (missing := self._not_reconstructed()) is not None:
+            trainee.restore(best.end)
+            return step + steps, [missing]
         if "lens" in questions_open:
             best, decided = self._lens(attempt, best)
             decisions.append(decided)
@@ -152,6 +161,17 @@ class Trials:
         trainee.restore(best.end)
         trainee.revise(_AFTER.get(best.changes.get("lens_model", ""), {}))
         return step + steps, decisions
+
+    def _not_reconstructed(self) -> Decision | None:
+        """The decision to ask nothing about a lens; None where the training photographs are reproduced."""
+        shown = self._trainee.reproduction()
+        if shown.psnr >= self._least and shown.detail >= BLURRIER:
+            return None
+        reason = (
+            f"scene not reconstructed: training photographs at {shown.psnr:.1f} dB, their detail at "
+            f"{shown.detail:+.1f} dB; nothing is decided about a lens"
+        )
+        return Decision("lens", True, reason, {"reproduced": shown.psnr, "detail": shown.detail})
 
     def _lens(self, attempt: _Try, with_lens: _Attempt) -> tuple[_Attempt, Decision]:
         circle = self._trainee.widest_circle()

@@ -17,6 +17,9 @@ from dofbench.core.progress import Update, silent
 from dofbench.training.common.depth import DepthMap, DepthSamples, sparse_depth
 from dofbench.training.common.options import CONTENT
 
+_REACH = 0.01  # of the width: pixels so near to one of known depth count as known
+_FARTHEST = 0.02  # of the nearest known disparity: least one of a point behind it
+
 
 @dataclass(frozen=True)
 class PriorOptions:
@@ -39,13 +42,17 @@ class PriorOptions:
     start_points: int = 0
     """How many points on the prior's surfaces the Gaussians start from, in addition to the sparse points (not possible
     with sparse). Independent of depth_weight. Unit: points. Source: own."""
+    start_behind: float = 0.0
+    """How many points the Gaussians start from where the prior knows no depth, if it knew none anywhere: behind the
+    nearest pixel of known depth, evenly in disparity down to near infinity. Unit: start_points. Source: own."""
     depth_prior_loss: Literal["squared", "absolute"] = "squared"
     """Loss of tuning; both forms use the best scale of each view. Unit: none. Source: squared: Eq. 8; absolute:
     released code."""
 
     def __post_init__(self) -> None:
-        if self.depth_prior_coarser < 0:
-            raise InputError("option depth_prior_coarser", str(self.depth_prior_coarser), "at least 0")
+        for name in ("depth_prior_coarser", "start_behind"):
+            if getattr(self, name) < 0:
+                raise InputError(f"option {name}", f"{getattr(self, name):g}", "at least 0")
 
 
 class Prior(Protocol):
@@ -157,12 +164,54 @@ def with_surface_points(training_set: TrainingSet, prior: Prior, count: int, see
         if wanted:
             chosen = np.sort(random.choice(len(depth), wanted, replace=False, p=weight / weight.sum()))
         rows, columns, z = samples.rows.numpy()[chosen], samples.columns.numpy()[chosen], depth[chosen]
-        x, y = camera.rays(columns + 0.5, rows + 0.5)
-        local = np.stack([x * z, y * z, z, np.ones_like(z)], axis=1)
-        xyz.append((local @ camera.camera_to_world.T)[:, :3])
+        xyz.append(_in_scene(camera, rows, columns, z))
         rgb.append(view.image[rows, columns])
     every, colours = np.concatenate(xyz), np.concatenate(rgb).astype(np.float32)
     return PointCloud(every, colours, np.full(len(every), np.nan, np.float32))
+
+
+def with_points_behind(
+    training_set: TrainingSet, points: PointCloud, prior: Prior, count: int, seed: int
+) -> PointCloud:
+    """`points`, and points on the rays of the training views for which the prior knows no depth.
+
+    What is blurred in every photograph has neither features nor stereo, so that nothing would start there, and
+    densification reaches no far background. A drawn pixel gets its own colour, and a disparity between near infinity
+    and that of the nearest pixel of known depth. count: if no pixel had known depth; in proportion else.
+    """
+    from scipy.ndimage import binary_dilation, distance_transform_edt
+
+    random = np.random.default_rng([seed, 1])
+    xyz, rgb = [points.xyz], [points.rgb]
+    for index, view in enumerate(training_set.views):
+        camera, samples = view.camera, prior.samples(index, view.camera)
+        disparity = np.zeros((camera.height, camera.width))
+        disparity[samples.rows.numpy(), samples.columns.numpy()] = 1 / samples.depth.numpy()
+        if not disparity.any():
+            continue
+        reach = max(1, round(_REACH * camera.width))
+        known = binary_dilation(disparity > 0, np.ones((2 * reach + 1, 2 * reach + 1)))
+        unknown = ~known if view.mask is None else ~known & view.mask
+        rows, columns = np.nonzero(unknown)
+        wanted = min(len(rows), round(count / len(training_set.views) * unknown.mean()))
+        if wanted == 0:
+            continue
+        nearest = distance_transform_edt(disparity == 0, return_distances=False, return_indices=True)
+        chosen = np.sort(random.choice(len(rows), wanted, replace=False))
+        rows, columns = rows[chosen], columns[chosen]
+        limit = disparity[tuple(nearest[:, rows, columns])]
+        z = 1 / (limit * random.uniform(_FARTHEST, 1.0, wanted))
+        xyz.append(_in_scene(camera, rows, columns, z))
+        rgb.append(view.image[rows, columns])
+    every, colours = np.concatenate(xyz), np.concatenate(rgb).astype(np.float32)
+    return PointCloud(every, colours, np.full(len(every), np.nan, np.float32))
+
+
+def _in_scene(camera: Camera, rows: np.ndarray, columns: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """(M, 3) the points at z-depth z (M,) that the pixels (M,) show; scene units."""
+    x, y = camera.rays(columns + 0.5, rows + 0.5)
+    local = np.stack([x * z, y * z, z, np.ones_like(z)], axis=1)
+    return np.asarray((local @ camera.camera_to_world.T)[:, :3])
 
 
 def _check_files(options: PriorOptions) -> None:
