@@ -201,7 +201,7 @@ def test_the_baseline_is_trained_as_well_as_our_method():
 
 # What the trainer shares on both boards.
 SHARED = """steps coarse_until coarse_factor cooldown_from cooldown_to sh_degree sh_every edge_weight ssim_weight
-    colour_per_view start_points start_behind means_lr means_lr_final sh_dc_lr sh_rest_lr opacity_lr scale_lr
+    colour_per_view start_points start_behind near_share means_lr means_lr_final sh_dc_lr sh_rest_lr opacity_lr scale_lr
     rotation_lr
     grow_gradient grow_absolute reset_every max_gaussians""".split()
 # The trainer's too, on the shared board: there depth is supervised in every method, in most by its own tuned weight.
@@ -224,10 +224,12 @@ def test_as_published_nothing_is_shared_that_a_paper_has_not(name):
     assert (theirs["depth_weight"] > 0) is (name == "dofgaussian")  # whose contribution it is
 
 
+@pytest.mark.parametrize("preset", ["cpu", "cpu-v2"])
 @pytest.mark.parametrize("name", GAUSSIAN)
-def test_what_is_shared_is_shared_by_all(name):
+def test_what_is_shared_is_shared_by_all(name, preset):
     options = GaussianOptions()
-    base, theirs = (options.with_overrides(shared_of(one, "cpu")).flat() for one in ("mipsplatting", name))
+    base, theirs = (options.with_overrides(shared_of(one, preset)).flat() for one in ("mipsplatting", name))
+    assert (theirs["start_behind"] > 0) is (preset == "cpu-v2")
     assert {key: theirs[key] for key in SHARED + SHARED_DEPTH} == {key: base[key] for key in SHARED + SHARED_DEPTH}
     assert theirs["depth_weight"] > 0 and theirs["start_points"] > 0 and theirs["edge_weight"] > 0
 
