@@ -9,11 +9,12 @@ import pytest
 from tolerances import SWEPT_DISPARITY
 
 from dofbench.core.errors import InputError
-from dofbench.evaluation.renderer.lightfield import GRID, lightfield_cases, read_lightfield, sweep
+from dofbench.evaluation.renderer.lightfield import lightfield_cases, read_lightfield, swept
+from dofbench.scenes.light_field.grid import GRID
 
 
 def test_the_sweep_finds_the_disparity(lightfield):
-    found, truth = sweep(read_lightfield(lightfield)), np.load(lightfield / "disparity.npy")
+    found, truth = swept(read_lightfield(lightfield)), np.load(lightfield / "disparity.npy")
     error = np.abs(found - truth)[6:-6, 6:-6]
     assert np.median(error) < SWEPT_DISPARITY
     # Smoothing over 11 pixels widens what is in front.

@@ -15,7 +15,7 @@ from dofbench.core.files import write_text
 from dofbench.core.images import write_png
 from dofbench.evaluation.figures import file_name
 from dofbench.evaluation.renderer.blb import INFO, blb_cases, is_blb
-from dofbench.evaluation.renderer.lightfield import GRID, lightfield_cases
+from dofbench.evaluation.renderer.lightfield import lightfield_cases
 from dofbench.evaluation.renderer.planes import plane_cases
 from dofbench.evaluation.renderer.rendered import SCENE, is_rendered, rendered_cases
 from dofbench.evaluation.renderer.renderer_scores import Score, Store, score
@@ -23,6 +23,7 @@ from dofbench.evaluation.renderer.renderer_tables import csv_text, markdown, plo
 from dofbench.evaluation.renderer.renderer_truth import Case, Truth
 from dofbench.evaluation.renderer.validation_options import ValidateRenderer
 from dofbench.evaluation.renderer.variants import VARIANTS, Variant
+from dofbench.scenes.light_field.grid import GRID
 
 PLANE_RADII = (4.0, 12.0)  # pixels per unit of disparity
 PLANE_FOCUSES = (0.1, 0.5, 0.9)
