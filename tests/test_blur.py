@@ -22,7 +22,7 @@ from dofbench.datasets.format.schema import LensFile
         ({"alpha": -4.0}, "alpha: found -4.0, expected a positive number"),
         ({"alpha": math.nan}, "alpha: found nan, expected a positive number"),
         ({"energy": "all"}, "energy: found 'all', expected one of area, algorithm1"),
-        ({"renderer": "magic"}, "renderer: found 'magic', expected one of scatter, layered, thinlens"),
+        ({"renderer": "magic"}, "renderer: found 'magic', expected one of scatter, layered, thinlens, light-field"),
         ({"layers": 0}, "layers: found 0, expected at least 1"),
     ],
 )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import get_args
 
 from dofbench.core.errors import InputError
-from dofbench.core.lens import ALPHA, GAMMA, LAYERS, ApertureShape, Energy, SceneRenderer
+from dofbench.core.lens import ALPHA, GAMMA, LAYERS, ApertureShape, Defocus, Energy
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,8 @@ class Blur:
     gamma: of the display encoding, linear light is the encoded image to this power. alpha: hardness of the blur disc's
     edge, 1 / pixel. shape: of the aperture. energy: whether a pixel's weight is divided by its disc's area ("area") or
     as printed in the paper's Algorithm 1 ("algorithm1"). renderer: what blurs, "scatter" and "layered" from an image
-    and its depth, "thinlens" from a scene's geometry. layers: depth layers of "layered", which the others ignore.
+    and its depth, "thinlens" from a scene's geometry, "light-field" from real views, by averaging them. layers: depth
+    layers of "layered", which the others ignore.
 
     Raises InputError, whose subject is the field's name, for a value that doesn't exist.
     """
@@ -26,7 +27,7 @@ class Blur:
     alpha: float = ALPHA
     shape: ApertureShape = ApertureShape()
     energy: Energy = "area"
-    renderer: SceneRenderer = "scatter"
+    renderer: Defocus = "scatter"
     layers: int = LAYERS
 
     def __post_init__(self) -> None:
@@ -34,7 +35,7 @@ class Blur:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise InputError(name, str(value), "a positive number")
-        for name, known in (("energy", get_args(Energy)), ("renderer", get_args(SceneRenderer))):
+        for name, known in (("energy", get_args(Energy)), ("renderer", get_args(Defocus))):
             value = getattr(self, name)
             if value not in known:
                 raise InputError(name, repr(value), f"one of {', '.join(known)}")

@@ -50,6 +50,11 @@ class Calibration:
         fx, fy, cx, cy = (value / factor for value in self.parameters)
         return replace(self, width=self.width // factor, height=self.height // factor, fx=fx, fy=fy, cx=cx, cy=cy)
 
+    def cropped(self, margin: int) -> Self:
+        """The same view without `margin` pixels at each border."""
+        width, height = self.width - 2 * margin, self.height - 2 * margin
+        return replace(self, width=width, height=height, cx=self.cx - margin, cy=self.cy - margin)
+
     def pixels(self, x: Any, y: Any, z: Any) -> tuple[Any, Any]:
         """Image coordinates of points in the camera's frame, scene units, without distortion."""
         return self.fx * x / z + self.cx, self.fy * y / z + self.cy

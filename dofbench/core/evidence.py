@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import Literal
 
 Role = Literal["development", "report"]
-# The renderer of make-dataset; "unknown": the images came with the scene.
-Photographer = Literal["thinlens", "unknown", "layered", "scatter"]
+# The renderer of make-dataset; "light-field": real views, averaged; "unknown": the images came with the scene.
+Photographer = Literal["light-field", "thinlens", "unknown", "layered", "scatter"]
 
 ROLE_NOT_STATED = "not stated"
 # Sentences by role; None where no named dataset states one.
@@ -21,6 +21,10 @@ ROLE_SAYS: dict[Role | None, str] = {
     None: "Role not stated: unknown whether anything was tuned on this scene.",
 }
 PHOTOGRAPHER_SAYS: dict[Photographer | None, str] = {
+    "light-field": (
+        "Real defocus by known lenses: averages of the real views in round windows of a light field, independent of "
+        "every method's renderer."
+    ),
     "thinlens": (
         "Rendered with a thin-lens camera (ray-traced defocus): many rays a pixel through aperture samples and the "
         "scene's geometry, independent of every method's renderer."
@@ -39,6 +43,7 @@ PHOTOGRAPHER_SAYS: dict[Photographer | None, str] = {
 # Short forms, for titles.
 ROLE_WORDS: dict[Role | None, str] = {"report": "test scene", "development": "tuning scene", None: ""}
 PHOTOGRAPHER_WORDS: dict[Photographer | None, str] = {
+    "light-field": "real defocus, known lenses (light field)",
     "thinlens": "ray-traced defocus",
     "unknown": "real defocus",
     "layered": "synthetic defocus (layered)",
@@ -47,4 +52,11 @@ PHOTOGRAPHER_WORDS: dict[Photographer | None, str] = {
 }
 # The order in reports.
 ROLES: tuple[Role | None, ...] = ("report", "development", None)
-PHOTOGRAPHERS: tuple[Photographer | None, ...] = ("thinlens", "unknown", "layered", "scatter", None)
+PHOTOGRAPHERS: tuple[Photographer | None, ...] = (
+    "light-field",
+    "thinlens",
+    "unknown",
+    "layered",
+    "scatter",
+    None,
+)

@@ -291,6 +291,12 @@ def resize(image: np.ndarray, width: int, height: int) -> np.ndarray:
     return np.clip(resized.reshape(height, width, *image.shape[2:]), least, greatest)
 
 
+def cropped(image: np.ndarray, margin: int) -> np.ndarray:
+    """The image (H, W[, C]) without `margin` pixels at each border."""
+    height, width = image.shape[:2]
+    return np.ascontiguousarray(image[margin : height - margin, margin : width - margin])
+
+
 def _check_whole_jpeg(path: Path) -> None:
     """Raise InputError for a JPEG cut short: libjpeg fills what is missing with grey and says nothing."""
     if path.suffix.lower() not in _JPEG_SUFFIXES or not path.is_file():

@@ -244,3 +244,5 @@ Energy = Literal["area", "algorithm1"]
 # Renderers that need an image and its depth; and one that needs the scene's geometry as well.
 Renderer = Literal["scatter", "layered"]
 SceneRenderer = Literal["scatter", "layered", "thinlens"]
+# What images of known lenses were blurred by; "light-field": nothing, they are averages of real views.
+Defocus = Literal["scatter", "layered", "thinlens", "light-field"]

@@ -229,7 +229,7 @@ def scatter_of(blur: Blur, backend: str = "auto", form: str = "auto") -> Callabl
 
 
 def _require_blur(blur: Blur) -> None:
-    if blur.renderer == "thinlens":
+    if blur.renderer not in ("scatter", "layered"):
         raise InputError("renderer", blur.renderer, "scatter or layered, which blur an image by its depth")
 
 

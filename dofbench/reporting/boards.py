@@ -42,7 +42,7 @@ _IN_FILES = {
     "thinlens": "sampled lens",
     "unknown": "unknown lens",
     "layered": "layers",
-    "scatter": "scatter",
+    "light-field": "light field",
 }
 
 Variant = tuple[str, ...]
@@ -146,7 +146,7 @@ def score_columns(entries: Sequence[Entry]) -> list[str]:
 def mean_names(kind: str, boards: Sequence[Board]) -> tuple[str, str]:
     """The name of the mean over boards of one kind, in place of a dataset's: (on pages, in files)."""
     first, mean = boards[0], f"the mean over {len(boards)} scenes"
-    words = (f", {_IN_FILES[one]}" for one in (first.role, first.photographer) if one)
+    words = (f", {_IN_FILES.get(one, one)}" for one in (first.role, first.photographer) if one)
     return mean + kind.removeprefix(first.protocol), mean + first.scored.removeprefix(first.protocol) + "".join(words)
 
 

@@ -10,12 +10,13 @@ from typing import Literal
 from dofbench.core.aligned import aligned
 from dofbench.core.errors import InputError
 from dofbench.core.evidence import ROLE_NOT_STATED
+from dofbench.scenes.light_field.grid import LIGHT_FIELD, is_grid, read_grid
 from dofbench.scenes.loading import LAYOUTS, load_scene
 from dofbench.scenes.named import NamedDataset, find_data_root, named_datasets, scenes_of
 from dofbench.scenes.named.places import VARIABLE, ResolvedScene, same_files, what_to_put
 from dofbench.scenes.readers.folders import MissingImages, marked_hold
 from dofbench.scenes.readers.poses import unchecked
-from dofbench.scenes.scene import SceneView
+from dofbench.scenes.scene import Scene, SceneView
 
 # "here": readable, and there is no published checksum to compare with.
 State = Literal["complete", "here", "incomplete", "different", "unreadable", "absent"]
@@ -45,17 +46,17 @@ def inspect(scene: ResolvedScene) -> Presence:
     if scene.layout == "blb":
         return Presence(scene, "here", "single views for validate-renderer")
     try:
-        loaded = scene.load()
+        seen = _describe_grid(scene.root, "") if scene.layout == LIGHT_FIELD else _described(scene.load(), "")
     except InputError as error:
         return Presence(scene, "unreadable", str(error))
-    training, views = _count(loaded.views, "train"), len(loaded.views)
-    camera, marked = loaded.views[0].camera, marked_hold(scene.root)
-    detail = f"{training} + {views - training} test, {camera.width}x{camera.height}"
+    training, views, size = seen.training, seen.training + seen.test, (seen.width, seen.height)
+    marked = marked_hold(scene.root)
+    detail = f"{training} + {views - training} test, {size[0]}x{size[1]}"
     state: State = "here" if scene.views is None else "complete"
     if scene.views is not None and views != scene.views:
         state = "incomplete" if views < scene.views else "different"
         detail = f"{views} views in {scene.root}, expected {scene.views}"
-    elif scene.size is not None and scene.size != (camera.width, camera.height):
+    elif scene.size is not None and scene.size != size:
         state, detail = "different", f"{detail} in {scene.root}, expected {scene.size[0]}x{scene.size[1]}"
     elif scene.hold is not None and marked is not None and marked != scene.hold:
         state, detail = "different", f"a marker hold={marked} in {scene.root}, expected hold={scene.hold}"
@@ -126,7 +127,7 @@ def print_scenes(folders: Sequence[Path] = (), data_root: Path | None = None) ->
         if scene.problem:
             print(f"no scene: {scene.problem}")
     whole = _print_named(root)
-    layouts = ", ".join(LAYOUTS)
+    layouts = ", ".join([*LAYOUTS, LIGHT_FIELD])
     print(f"\nA scene is a built-in name, DATASET/SCENE or SCENE of a named one, or a folder in a layout of {layouts}.")
     return whole and all(scene.whole and not scene.problem for scene in listed)
 
@@ -205,6 +206,8 @@ def _folders(parent: Path) -> list[Path]:
 def _describe(folder: Path, name: str) -> Listed:
     missing = ""
     try:
+        if is_grid(folder):
+            return _describe_grid(folder, name)
         try:
             scene = load_scene(folder)
         except MissingImages:
@@ -212,6 +215,18 @@ def _describe(folder: Path, name: str) -> Listed:
             missing = "images are missing: make-dataset reads the others with --skip-missing"
     except InputError as error:
         return Listed(name, problem=str(error))
+    listed = _described(scene, name)
+    return replace(listed, notes=scene.noted(unchecked(scene), missing).notes, whole=not missing)
+
+
+def _describe_grid(folder: Path, name: str) -> Listed:
+    """A light field: views without poses and split, which make-dataset gives them."""
+    grid = read_grid(folder)
+    width, height = grid.size
+    return Listed(name, LIGHT_FIELD, training=len(grid.files), split="make-dataset", width=width, height=height)
+
+
+def _described(scene: Scene, name: str) -> Listed:
     first = scene.views[0]
     return Listed(
         name=name,
@@ -224,8 +239,6 @@ def _describe(folder: Path, name: str) -> Listed:
         points=0 if scene.points is None else len(scene.points),
         depth=first.depth is not None,
         exif=_exif_text(scene.views),
-        notes=scene.noted(unchecked(scene), missing).notes,
-        whole=not missing,
     )
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from dofbench.core.errors import InputError
 from dofbench.core.files import read_json
 from dofbench.scenes.found_masks import ALPHAS, with_masks
+from dofbench.scenes.light_field.grid import GRID, LIGHT_FIELD, is_grid
 from dofbench.scenes.local_frame import AnotherFrame
 from dofbench.scenes.readers import colmap
 from dofbench.scenes.readers.colmap_places import PLACES, scene_folder
@@ -79,6 +80,10 @@ def load_scene(
     root = scene_folder(root)
     if width is not None and width < 1:
         raise InputError("width", str(width), "at least 1 pixel")
+    if layout == LIGHT_FIELD or (layout == "auto" and is_grid(root)):
+        found = f"a light field ({GRID}), whose views have no poses"
+        expected = f"a scene with camera poses; dofbench make-dataset {root} --photographs light-field finds them"
+        raise InputError(root, found, expected)
     chosen = _detect(root) if layout == "auto" else layout
     if chosen not in LAYOUTS:
         raise InputError("layout", repr(layout), f"auto, {', '.join(LAYOUTS)}")

@@ -142,7 +142,7 @@ def test_the_recipe_keeps_what_decides_the_content_in_the_order_of_the_options()
     names = [at.name for at in fields(DatasetOptions)]
     places = ("data_root", "out", "reuse")
     chosen = ("points", "photographs", "train_f_number", "test_f_number", "test_points")
-    left_out = {*places, *chosen, "alpha_channel", "skip_missing"}
+    left_out = {*places, *chosen, "alpha_channel", "skip_missing", "spacing"}
     assert list(MakeDataset().recipe()) == [name for name in names if name not in left_out]
     asked = MakeDataset(
         alpha_channel="mask",
@@ -153,11 +153,21 @@ def test_the_recipe_keeps_what_decides_the_content_in_the_order_of_the_options()
         skip_missing=True,
         out=Path("there"),
     )
-    assert list(asked.recipe()) == [name for name in names if name not in places]
+    assert list(asked.recipe()) == [name for name in names if name not in (*places, "spacing")]
     kept = ["width", "hold", "depth", "depth_unit", "images", "layout"]
     assert list(MakeDataset().photograph_recipe()) == [*kept, "photographs"]
     of_photographs = ["alpha_channel", "skip_missing", *chosen]
     assert list(asked.photograph_recipe()) == [*kept, *of_photographs]
+    of_views = [at.name for at in fields(DatasetOptions) if at.metadata["light_field"]]
+    field = MakeDataset(photographs="light-field", points="shallow", spacing=3)
+    assert list(field.recipe()) == of_views and not {"depth", "renderer", "alpha", "photons"} & set(of_views)
+
+
+def test_the_command_of_a_light_field_says_its_apertures():
+    """Their default depends on the grid, so those of another scene say nothing."""
+    field = MakeDataset(photographs="light-field", aperture=(0.5, 1.0))
+    assert "--aperture 0.5,1" in field.command("chess")
+    assert "--aperture" not in MakeDataset(aperture=(0.5, 1.0)).command("fern")
 
 
 def test_the_settings_give_the_blur_that_they_describe():

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 Origin = Literal["structure from motion", "rendered scene", "triangulation", "not stated", "none"]
 FoundIn = Literal["sharp", "shallow", "shallow and sharp", "not stated"]
 FoundInViews = Literal["all", "training", "not stated"]
-Poses = Literal["structure from motion on all views", "exact", "not stated"]
+Poses = Literal["structure from motion on all views", "exact", "grid of a light field", "not stated"]
 NOT_STATED: Final = "not stated"
 _IMAGES = {"sharp": "all-in-focus images", "shallow": "shallow images"}
 
@@ -82,6 +82,8 @@ def _origin(record: PointsRecord) -> str:
 def _poses(record: PointsRecord) -> str:
     if record.poses == "exact":
         return "they are exact"
+    if record.poses == "grid of a light field":
+        return "they come from the grid of a light field, calibrated by features of sharp views"
     if record.poses == NOT_STATED:
         return "the scene doesn't state where they come from"
     return "they come from structure from motion on the scene's images of all views, test views included"

@@ -13,7 +13,7 @@ from dofbench.core.digests import FIELD, require_digest
 from dofbench.core.errors import InputError
 from dofbench.core.evidence import Photographer, Role
 from dofbench.core.files import read_json
-from dofbench.core.lens import LAYERS, ApertureShape, DisparityRange, Energy, Lens, PhysicalLens, SceneRenderer
+from dofbench.core.lens import LAYERS, ApertureShape, Defocus, DisparityRange, Energy, Lens, PhysicalLens
 from dofbench.core.names import InsidePath
 from dofbench.datasets.format.points_record import PointsRecord
 from dofbench.datasets.format.sensor import Sensor
@@ -129,10 +129,33 @@ class ThinLensRecord(_Record):
     variant: str
 
 
+class LightFieldRecord(_Record):
+    """The light field whose views were averaged, and what its cameras are by (`dofbench/scenes/light_field/rig.py`).
+
+    grid: sha256 of its files. unit: of positions, the scene unit; step: between neighbouring views. matrix: from a
+    position in grid.json to (down, right), row by row; a point of parallax q moves by -q times that. matches,
+    epipolar_px: features that the matrix was fitted to, and their median distance from the epipolar lines, pixels of
+    the grid's own size. focal_px: by convention. infinity_px: parallax of what is infinitely far, pixels per unit, by
+    convention where `registered`, else 0. margin_px: cropped at each border. These three in pixels of this dataset.
+    """
+
+    grid: str = Checksum
+    unit: str
+    step: FiniteFloat = Field(gt=0)
+    matrix: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
+    matches: PositiveInt
+    epipolar_px: FiniteFloat = Field(ge=0)
+    focal_px: FiniteFloat = Field(gt=0)
+    infinity_px: FiniteFloat
+    registered: bool
+    margin_px: int = Field(ge=0)
+
+
 class LensFile(_Record):
     """lens.json: all that is needed to blur the all-in-focus images again.
 
-    disparity_range: 1 / scene unit. layers: present with the renderer "layered" alone; thinlens: with "thinlens" alone.
+    disparity_range: 1 / scene unit. layers: present with the renderer "layered" alone; thinlens: with "thinlens" alone;
+    light_field: with "light-field" alone.
     """
 
     disparity_range: tuple[FiniteFloat, FiniteFloat]
@@ -141,9 +164,10 @@ class LensFile(_Record):
     alpha: FiniteFloat = Field(gt=0)
     energy: Energy
     shape: ShapeRecord
-    renderer: SceneRenderer
+    renderer: Defocus
     layers: int | None = Field(default=None, ge=1)
     thinlens: ThinLensRecord | None = None
+    light_field: LightFieldRecord | None = None
     sensor: SensorRecord = SensorRecord()
     views: tuple[AnyView, ...]
 
@@ -268,7 +292,7 @@ class DepthRecord(_Record):
     made before there were such maps.
     """
 
-    source: Literal["given", "folder", "splat", "sfm", "onnx"]
+    source: Literal["given", "folder", "splat", "sfm", "onnx", "sweep"]
     provenance: dict[str, Any]
     confidence: str | None = None
     views: tuple[DepthViewRecord, ...] = ()
@@ -360,6 +384,9 @@ def read_lens_file(folder: Path) -> LensFile | UnknownLensFile:
     lenses = _validate(path, raw, LensFile)
     if (lenses.renderer == "thinlens") is (lenses.thinlens is None):
         raise InputError(path, f"renderer {lenses.renderer} and thinlens {lenses.thinlens}", "both, or neither")
+    if (lenses.renderer == "light-field") is (lenses.light_field is None):
+        found = f"renderer {lenses.renderer} and light_field {lenses.light_field}"
+        raise InputError(path, found, "both, or neither")
     try:
         lenses.range()
         _ = lenses.blur

@@ -25,6 +25,7 @@ from dofbench.datasets.synthesis.depth_bounds import bounds_of_views
 from dofbench.datasets.synthesis.depth_record import make_depth
 from dofbench.datasets.synthesis.depth_sources import source_for
 from dofbench.datasets.synthesis.lens_plan import Plan, deal_plan, draw_plan
+from dofbench.datasets.synthesis.light_field import LightField
 from dofbench.datasets.synthesis.masked_views import read_masks, unreached, write_view_mask
 from dofbench.datasets.synthesis.method_points import choose_points
 from dofbench.datasets.synthesis.photographing import Optics, exposed
@@ -35,6 +36,8 @@ from dofbench.datasets.synthesis.sibling import take_over, take_over_all
 from dofbench.datasets.synthesis.work import WORK, Identity, finish, noise_file, prepare
 from dofbench.scenes.depth.given import with_folder_depth
 from dofbench.scenes.depth.network import find_network, network_digest
+from dofbench.scenes.depth.source import SourceId
+from dofbench.scenes.light_field.grid import is_grid
 from dofbench.scenes.loading import print_notes
 from dofbench.scenes.named import Reading, ResolvedScene, find_data_root, resolve
 from dofbench.scenes.on_disk import clipped_pixels, for_display
@@ -86,6 +89,18 @@ def read_scene(found: ResolvedScene, settings: MakeDataset) -> tuple[Scene, Make
     return scene, replace(settings, scene=found.label, **found.reading(**asked))
 
 
+def light_field_of(found: ResolvedScene, settings: MakeDataset) -> LightField | None:
+    """The light field whose views are averaged, where the settings ask for one or the folder is one; else None.
+
+    Raises InputError for --spacing without it.
+    """
+    if settings.photographs == "light-field" or (settings.photographs == "auto" and is_grid(found.root)):
+        return LightField(found, settings)
+    if settings.spacing is not None:
+        raise InputError("--spacing", f"{found.label}, no light field", "--photographs light-field")
+    return None
+
+
 def default_folder(scene_name: str) -> Path:
     """The folder of a scene's dataset when the user doesn't give one."""
     return Path("data") / scene_name
@@ -101,7 +116,8 @@ def make(
     blurred.
     """
     found = find_scene(settings)
-    scene, settings = read_scene(found, settings)
+    field = light_field_of(found, settings)
+    scene, settings = read_scene(found, settings) if field is None else (field.scene, field.settings)
     if scene.photographs == "shallow":
         return make_of_photographs(found, scene, settings, progress, expected=expected)
     kind, place = settings.depth_source
@@ -109,10 +125,14 @@ def make(
     if kind == "folder" and place is not None:
         scene = with_folder_depth(scene, place, settings.depth_unit)
     plan = _assigned([(view.name, view.split) for view in scene.views], settings)
-    source_id = source_for(kind, scene)
+    source_id: SourceId = "sweep" if field is not None else source_for(kind, scene)
     if source_id in ("splat", "sfm"):
         scene.require_points(f"--depth {source_id}")
-    optics = Optics.of_scene(found.root, settings.lens_samples) if settings.renderer == "thinlens" else None
+    optics: Optics | LightField | None = field
+    if field is not None:
+        field.check(plan)
+    elif settings.renderer == "thinlens":
+        optics = Optics.of_scene(found.root, settings.lens_samples)
     source = source_record(scene, found, with_depth=source_id in ("given", "folder"))
     if expected is not None:
         check_source(source, expected, scene.root)
@@ -124,7 +144,7 @@ def make(
             "plan": plan.hash,
             "dofbench": __version__,
             **({} if network is None else {"network": network_digest(network)}),
-            **({} if optics is None else {"thinlens": optics.record.model_dump()}),
+            **({} if optics is None else {optics.record_name: optics.record.model_dump()}),
             **({} if options.points == "scene" else {"points": program(), "bounds": "points"}),
             "source": source.model_dump(mode="json", include={"scene", "layout", "geometry"}),
         }
@@ -145,16 +165,19 @@ def make(
         if settings.reuse is not None:
             take_over_all(settings.reuse, out, lambda points: identify(replace(settings, points=points)).digest)
         _all_in_focus(scene, out, settings, progress)
-        depth_record, disparity_range = make_depth(scene, source_id, network, settings, out, progress)
+        swept = None if field is None else field.depth
+        depth_record, disparity_range = make_depth(scene, source_id, network, settings, out, progress, swept)
         shared = Photography(
-            disparity_range=disparity_range,
+            # That of a light field is its centre view's, as windows must fit the grid before any depth is made.
+            disparity_range=disparity_range if field is None else field.disparity_range,
             per_view=settings.normaliser == "view",
             blur=settings.blur,
             sensor=settings.sensor,
             bits=settings.bits,
-            thinlens=None if optics is None else optics.record,
+            thinlens=optics.record if isinstance(optics, Optics) else None,
+            light_field=None if field is None else field.record,
         )
-        if optics is not None and optics.remark:
+        if isinstance(optics, Optics) and optics.remark:
             print(optics.remark, file=sys.stderr, flush=True)
         shoot = partial(_shoot, out=out, shared=shared, half=settings.linear == "exr-half", optics=optics)
         records = _shallow(plan, scene, out, shared, shoot, progress)
@@ -168,7 +191,7 @@ def make(
         notes = write.geometry(out, scene, near_far)
         write.lens_file(out, shared, records)
         write.sheet(out, f"{scene.name}: {len(records)} views with a known lens", records, shared.disparity_range)
-        write.readme(out, scene, settings, source, depth_record, points_record, records, notes, shared.thinlens)
+        write.readme(out, scene, settings, source, depth_record, points_record, records, notes, shared)
         write.manifest(
             out,
             name=scene.name,
@@ -261,15 +284,16 @@ def _shoot(
     out: Path,
     shared: Photography,
     half: bool,
-    optics: Optics | None,
+    optics: Optics | LightField | None,
 ) -> ViewRecord:
-    """Write a view's photograph unless it exists; returns its record, which for a photograph through a real lens states
-    its noise."""
+    """Write a view's photograph unless it exists; returns its record, which for a photograph through a sampled lens
+    states its noise."""
     linear_path, path = layout.linear_path(out, record.name), layout.shallow_path(out, record.name)
     # The noise can't be computed from the photograph's files, so it is kept in a file of its own.
     noise_path = noise_file(out, record.name)
     seen = optics is not None and record.aperture > 0
-    if not (linear_path.is_file() and path.is_file() and (noise_path.is_file() or not seen)):
+    noisy = isinstance(optics, Optics) and seen
+    if not (linear_path.is_file() and path.is_file() and (noise_path.is_file() or not noisy)):
         if optics is None or not seen:
             light = layout.sharp_linear_path(out, record.name)
             if light.is_file():
@@ -277,10 +301,12 @@ def _shoot(
             else:
                 sharp = to_8bit(read_image(layout.sharp_path(out, record.name)))
                 encoded, linear = shallow_image(sharp, depth_map, record, shared)
+        elif isinstance(optics, LightField):
+            encoded, linear = exposed(optics.photograph(camera, record), record.name, shared.sensor, shared.blur.gamma)
         else:
             shot = optics.photograph(camera, record)
             encoded, linear = exposed(shot.linear, record.name, shared.sensor, shared.blur.gamma)
             write_json(noise_path, shot.noise)
         write_exr(linear_path, linear, half=half)
         write_png(path, encoded, bits=shared.bits)
-    return record.model_copy(update=read_json(noise_path)) if seen else record
+    return record.model_copy(update=read_json(noise_path)) if noisy else record

@@ -27,7 +27,7 @@ _WITH_PLACE: tuple[DepthSource, ...] = ("folder", "onnx")
 _WITHOUT_PLACE: tuple[DepthSource, ...] = ("auto", "given", "splat", "sfm")
 Normaliser = Literal["scene", "view"]
 Bits = Literal[8, 16]
-Photographs = Literal["auto", "shallow", "shallow-train"]
+Photographs = Literal["auto", "shallow", "shallow-train", "light-field"]
 LinearFormat = Literal["exr-half", "exr-float"]
 
 
@@ -39,8 +39,14 @@ About = Literal["scene", "blur", "seed", "place"]
 Share = Annotated[float, Bounds(ge=0, le=1)]
 
 
-def _option(default: Any, about: About, *, sharp: bool = False, kept_with: str | None = None) -> Any:
-    return field(default=default, metadata={"about": about, "sharp": sharp, "kept_with": kept_with})
+_APERTURES = (0.5, 1.0)
+
+
+def _option(
+    default: Any, about: About, *, sharp: bool = False, kept_with: str | None = None, light_field: bool = False
+) -> Any:
+    metadata = {"about": about, "sharp": sharp, "kept_with": kept_with, "light_field": light_field}
+    return field(default=default, metadata=metadata)
 
 
 @options()
@@ -49,21 +55,23 @@ class DatasetOptions:
 
     Each field says what it is about (`About`). sharp: the sharp images and the depth depend on the option. kept_with:
     the option is part of the recipe only if this other option is set, so that older datasets keep their recipes.
+    light_field: the option applies to `--photographs light-field`.
     """
 
     data_root: Path | None = _option(None, "place")
     """Folder that holds named datasets (`dofbench scenes` lists them); without it, the one in DOFBENCH_DATA."""
 
-    focus: NumberList[Share] = _option((0.2, 0.5, 0.8), "blur")
+    focus: NumberList[Share] = _option((0.2, 0.5, 0.8), "blur", light_field=True)
     """Focus values, comma-separated: normalised disparity, 0 far to 1 near."""
 
-    aperture: NumberList[Share] = _option((0.5, 1.0), "blur")
-    """Aperture values, comma-separated: 1 blurs by 2 % of the width per unit of disparity, 0 not at all."""
+    aperture: NumberList[Share] | None = _option(None, "blur", light_field=True)
+    """Aperture values, comma-separated: 1 blurs by 2 % of the width per unit of disparity, 0 not at all. Without it:
+    0.5,1; of a light field, windows of half and a quarter of its steps from the centre to the border."""
 
-    width: Annotated[int, Bounds(ge=8)] | None = _option(None, "scene", sharp=True)
+    width: Annotated[int, Bounds(ge=8)] | None = _option(None, "scene", sharp=True, light_field=True)
     """Image width in pixels; without it, a named dataset's usual one, else the scene's own."""
 
-    hold: Annotated[int, Bounds(ge=2)] | None = _option(None, "scene", sharp=True)
+    hold: Annotated[int, Bounds(ge=2)] | None = _option(None, "scene", sharp=True, light_field=True)
     """Every hold-th view, from the first, is a test view; without it, the named dataset's or the scene's own split (as
     in test.txt or transforms.json), or 8."""
 
@@ -78,7 +86,7 @@ class DatasetOptions:
     depth_steps: Annotated[int, Bounds(ge=1)] = _option(3000, "blur", sharp=True)
     """Training steps of the reconstruction behind --depth splat."""
 
-    gamma: float = _option(GAMMA, "blur")
+    gamma: float = _option(GAMMA, "blur", light_field=True)
     """Display encoding: linear light is the encoded image to this power."""
 
     alpha: float = _option(ALPHA, "blur")
@@ -112,15 +120,15 @@ class DatasetOptions:
     normaliser: Normaliser = _option("scene", "blur")
     """The disparity range that focus and aperture refer to: one for the scene, or one for every view."""
 
-    assign: Assign = _option("per-view", "blur")
+    assign: Assign = _option("per-view", "blur", light_field=True)
     """How views get their lenses: per-view, the grid of focus and aperture values is distributed over the views; fixed,
     all views have one lens, and a dataset is made for each lens of the grid; held-out, the test views have a grid of
     their own; continuous, lenses are drawn from the ranges that the values span."""
 
-    test_focus: NumberList[Share] | None = _option(None, "blur")
+    test_focus: NumberList[Share] | None = _option(None, "blur", light_field=True)
     """Focus values of the test views for --assign held-out; they must differ from those of the training views."""
 
-    test_aperture: NumberList[Share] | None = _option(None, "blur")
+    test_aperture: NumberList[Share] | None = _option(None, "blur", light_field=True)
     """Aperture values of the test views for --assign held-out; without it, 0 and the training views'."""
 
     photons: Annotated[float, Bounds(ge=0)] = _option(0.0, "blur")
@@ -129,13 +137,13 @@ class DatasetOptions:
     read_noise: Annotated[float, Bounds(ge=0)] = _option(0.0, "blur")
     """Read noise: standard deviation in linear light whose full scale is 1."""
 
-    bits: Bits = _option(8, "blur")
+    bits: Bits = _option(8, "blur", light_field=True)
     """Bits per channel of the photographs that methods train on."""
 
-    linear: LinearFormat = _option("exr-half", "blur")
+    linear: LinearFormat = _option("exr-half", "blur", light_field=True)
     """Format of the images before encoding."""
 
-    seed: Annotated[int, Bounds(ge=0)] = _option(0, "seed", sharp=True)
+    seed: Annotated[int, Bounds(ge=0)] = _option(0, "seed", sharp=True, light_field=True)
     """Seed of the assignment of lenses, and of the reconstruction."""
 
     images: str | None = _option(None, "scene", sharp=True)
@@ -154,15 +162,19 @@ class DatasetOptions:
     """Skip poses whose image files are missing, such as photographs that were deleted after structure from motion, and
     name them; without it, they are an error."""
 
-    points: Points = _option("scene", "scene", kept_with="points")
+    points: Points = _option("scene", "scene", kept_with="points", light_field=True)
     """Where the points come from that a method gets: the scene's own (scene); or, by the given poses, triangulated
     between the photographs of the training views alone, as they are before (sharp) or after (shallow) the blur. Depth,
-    lenses and photographs are the same with all three."""
+    lenses and photographs are the same with all three. Of a light field, which has no points: shallow, unless sharp."""
 
-    photographs: Photographs = _option("auto", "scene", kept_with="photographs")
+    photographs: Photographs = _option("auto", "scene", kept_with="photographs", light_field=True)
     """Whether the scene's photographs are shallow already, by an unknown lens: auto, as the layout implies; shallow,
     all of them; shallow-train, the training photographs, while the test photographs are sharp. Such photographs aren't
-    blurred, and unknown properties are omitted from the dataset."""
+    blurred, and unknown properties are omitted from the dataset. light-field: photographs are averages of the views in
+    round windows of a light field (grid.json and views/RR_CC images), so real defocus by known lenses."""
+
+    spacing: Annotated[int, Bounds(ge=1)] | None = _option(None, "scene", kept_with="spacing", light_field=True)
+    """Grid steps between neighbouring views of a dataset from a light field; without it, 2."""
 
     train_f_number: Annotated[float, Bounds(gt=0)] | None = _option(None, "scene", kept_with="train_f_number")
     """Train only on the photographs taken at this f-number, by their EXIF; together with --test-f-number. For
@@ -199,7 +211,7 @@ class DatasetOptions:
         if self.test_focus is not None and (shared := sorted(set(self.test_focus) & set(self.focus))):
             raise InputError("--test-focus", f"{shared[0]:g}, a training focus too", "values that no training view has")
         for name in ("focus", "aperture") if self.assign == "continuous" else ():
-            if (count := len(getattr(self, name))) > 2:
+            if (count := len(getattr(self.values, name))) > 2:
                 ends = "the two ends of a range, or one value"
                 raise InputError(f"{flag(name)} with --assign continuous", f"{count} values", ends)
 
@@ -240,7 +252,7 @@ class DatasetOptions:
     @property
     def values(self) -> Values:
         """The focus and aperture values of the training views; also of the test views, unless --assign is held-out."""
-        return Values(self.focus, self.aperture)
+        return Values(self.focus, _APERTURES if self.aperture is None else self.aperture)
 
     @property
     def held_out_values(self) -> Values | None:
@@ -249,7 +261,7 @@ class DatasetOptions:
             return None
         if self.test_aperture is not None:
             return Values(self.test_focus, self.test_aperture)
-        return Values(self.test_focus, (0.0, *(value for value in self.aperture if value > 0)))
+        return Values(self.test_focus, (0.0, *(value for value in self.values.aperture if value > 0)))
 
     @property
     def sensor(self) -> Sensor:
@@ -262,7 +274,8 @@ class DatasetOptions:
         settings."""
         shape = self.aperture_shape
         try:
-            return Blur(self.gamma, self.alpha, shape, self.energy, self.renderer, self.layers)
+            renderer = "light-field" if self.photographs == "light-field" else self.renderer
+            return Blur(self.gamma, self.alpha, shape, self.energy, renderer, self.layers)
         except InputError as error:
             raise _typed(error) from None
 
@@ -308,6 +321,16 @@ class DatasetOptions:
                 "given, folder:DIR or auto: what is known, no estimate",
             )
 
+    def check_light_field(self, scene: str) -> None:
+        """Raise InputError if an option is given that doesn't apply to a light field, whose views are averaged."""
+        for at in fields(DatasetOptions):
+            if at.metadata["about"] != "place" and not at.metadata["light_field"] and given(self, at.name):
+                raise InputError(
+                    flag(at.name),
+                    f"{getattr(self, at.name)} for {scene}, a light field",
+                    "no such option: its photographs are averages of its views",
+                )
+
     def recipe(self) -> dict[str, object]:
         """All settings that decide the dataset's content, as plain data without paths or other properties of this
         machine."""
@@ -321,6 +344,8 @@ class DatasetOptions:
         return {at.name: self._plain(at.name) for at in about_scene if at.name == "photographs" or self._is_kept(at)}
 
     def _is_kept(self, at: Field[Any]) -> bool:
+        if self.photographs == "light-field" and not at.metadata["light_field"]:
+            return False
         other = at.metadata.get("kept_with")
         return other is None or given(self, other)
 
@@ -330,6 +355,8 @@ class DatasetOptions:
             # hash.
             kind, place = self.depth_source
             return kind if place is None else f"{kind}:{place.name}"
+        if name == "aperture":
+            return list(self.values.aperture)
         if name in ("test_focus", "test_aperture"):
             held_out = self.held_out_values
             return None if held_out is None else list(getattr(held_out, name.removeprefix("test_")))
@@ -340,6 +367,8 @@ class DatasetOptions:
         """The command line that makes this dataset, with the scene's name in place of its path."""
         words = ["dofbench", "make-dataset", scene_name]
         default = MakeDataset().recipe()
+        if self.photographs == "light-field":  # whose default aperture depends on the grid
+            del default["aperture"]
         for key, value in self.recipe().items():
             if value is True:
                 words.append(flag(key))
@@ -356,7 +385,7 @@ class MakeDataset(DatasetOptions):
     """The scene, in the form of an element of `MakeDatasets.scenes`."""
 
     def __post_init__(self) -> None:
-        lenses = len(self.focus), len(self.aperture)
+        lenses = len(self.focus), len(self.values.aperture)
         if self.assign == "fixed" and lenses != (1, 1):
             raise InputError("--assign fixed", f"{lenses[0]} focus and {lenses[1]} aperture values", "one of each")
         super().__post_init__()
@@ -384,7 +413,7 @@ class MakeDatasets(DatasetOptions):
         if self.assign != "fixed":
             return (None,)
         return tuple(
-            (f"F{focus:g}-A{aperture:g}", focus, aperture) for focus in self.focus for aperture in self.aperture
+            (f"F{focus:g}-A{aperture:g}", focus, aperture) for focus in self.focus for aperture in self.values.aperture
         )
 
     def one(self, scene: str | None, out: Path, lens: tuple[str, float, float] | None) -> MakeDataset:

@@ -40,11 +40,12 @@ def make_depth(
     settings: MakeDataset,
     out: Path,
     progress: Progress,
+    source: DepthSource | None = None,
 ) -> tuple[DepthRecord, DisparityRange]:
     """Write depth and confidence of every view; returns their record and the disparity range of all views.
 
-    Files that an earlier run finished are kept. Raises InputError when the source can't give the depth, or no pixel is
-    known.
+    source: where it is open already. Files that an earlier run finished are kept. Raises InputError when the source
+    can't give the depth, or no pixel is known.
     """
     kept = out / WORK / DEPTH_RECORD
     if kept.is_file() and all(_files_there(out, view) for view in scene.views):
@@ -61,10 +62,10 @@ def make_depth(
         work=out / WORK,
         network=network,
     )
-    if source_id in _PREPARATION:
+    if source is None and source_id in _PREPARATION:
         with progress.stage(_PREPARATION[source_id], steps) as prepared:
             source = opened(progress=lambda done, _: prepared(done))
-    else:
+    elif source is None:
         source = opened()
     found = []
     with progress.stage("depth", len(scene.views)) as advance:

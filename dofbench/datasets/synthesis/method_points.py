@@ -16,7 +16,8 @@ from dofbench.core.masks import read_mask
 from dofbench.core.progress import Progress
 from dofbench.datasets.format import layout
 from dofbench.datasets.format.points_choice import Points
-from dofbench.datasets.format.points_record import NOT_STATED, FoundIn, FoundInViews, Origin, PointsRecord
+from dofbench.datasets.format.points_record import NOT_STATED, FoundIn, FoundInViews, Origin, PointsRecord, Poses
+from dofbench.scenes.light_field.grid import LIGHT_FIELD
 from dofbench.scenes.procedural.scene_folder import RECORD
 from dofbench.scenes.reconstruction.photograph_list import Photograph
 from dofbench.scenes.reconstruction.posed_points import program, triangulated_points
@@ -34,10 +35,12 @@ def triangulated_between(
     views: Sequence[tuple[str, Camera]],
     work: Path,
     progress: Progress,
+    *,
+    narrow: bool = False,
 ) -> PointCloud | None:
     """Points triangulated between the pictures that the dataset folder `root` has of these views, of one kind: "sharp"
     or "shallow". Tracks index into `views`, (name, camera) each. work: a folder for everything in between. None without
-    any point.
+    any point. narrow: whether the cameras are close together, as on a light field's grid.
 
     Reads the pictures of these views and nothing else, so that they alone decide the points.
     """
@@ -53,7 +56,7 @@ def triangulated_between(
         for name, camera in views
     ]
     # The seed is fixed, so that datasets that differ in the seed of their lenses differ in nothing else.
-    return triangulated_points(photographs, work, seed=0, progress=progress)
+    return triangulated_points(photographs, work, seed=0, progress=progress, narrow=narrow)
 
 
 def choose_points(
@@ -68,7 +71,7 @@ def choose_points(
     points = scene.points
     if kind != "scene":
         views = [(scene.views[index].name, scene.views[index].camera) for index in training]
-        found = triangulated_between(root, kind, views, work, progress)
+        found = triangulated_between(root, kind, views, work, progress, narrow=scene.layout == LIGHT_FIELD)
         if found is None or len(found) < LEAST_POINTS:
             said = f"{0 if found is None else len(found)} points between {len(training)} training photographs"
             raise InputError(f"--points {kind}", said, f"at least {LEAST_POINTS}")
@@ -91,13 +94,19 @@ def _record(scene: Scene, kind: Points, points: PointCloud | None, training: Seq
         origin=origin if points is not None and len(points) else "none",
         photographs=photographs,
         views=views,
-        poses="exact" if rendered else "structure from motion on all views" if known else NOT_STATED,
+        poses=_poses(scene, rendered, known),
         tracks="known" if tracked else "unknown",
         only_test_views="left out" if tracked else "given",
         count=0 if points is None else len(points),
         given=0 if points is None else len(points.seen_by(training)),
         program="" if kind == "scene" else program(),
     )
+
+
+def _poses(scene: Scene, rendered: bool, known: bool) -> Poses:
+    if scene.layout == LIGHT_FIELD:
+        return "grid of a light field"
+    return "exact" if rendered else "structure from motion on all views" if known else NOT_STATED
 
 
 def _by_structure_from_motion(scene: Scene) -> bool:

@@ -25,6 +25,8 @@ class Optics:
     The geometry is built when it is first needed. Raises InputError without mitsuba, and for an unknown recipe.
     """
 
+    record_name = "thinlens"
+
     def __init__(self, recipe: str, seed: int, samples: int):
         from dofbench.scenes.procedural.recipes import recipe as find
         from dofbench.scenes.procedural.variant import choose_variant

@@ -57,8 +57,10 @@ def _again(dataset: Dataset, record: PointsRecord) -> list[str]:
     if record.photographs != "sharp" and record.photographs != "shallow":
         return [f"{MANIFEST}: points triangulated between {record.photographs} photographs, expected sharp or shallow"]
     views = [(view.name, view.camera) for view in dataset.training_views()]
+    narrow = dataset.photographer == "light-field"
     with tempfile.TemporaryDirectory() as work:
-        again = triangulated_between(dataset.folder, record.photographs, views, Path(work) / "points", Silent())
+        place = Path(work) / "points"
+        again = triangulated_between(dataset.folder, record.photographs, views, place, Silent(), narrow=narrow)
     share = _share_found(dataset.points, again, np.stack([camera.centre for _, camera in views]))
     if share < _SAME_SHARE:
         return [

@@ -16,9 +16,10 @@ from dofbench.core.evidence import PHOTOGRAPHER_SAYS, ROLE_SAYS, Photographer
 from dofbench.core.image_files.exif import Exif
 from dofbench.core.markdown_text import block, code, literal, visible
 from dofbench.datasets.format.points_record import PointsRecord, points_in_words
-from dofbench.datasets.format.schema import DepthRecord, SourceRecord, ThinLensRecord, ViewRecord
+from dofbench.datasets.format.schema import DepthRecord, SourceRecord, ViewRecord
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.datasets.synthesis.lens_plan import Values
+from dofbench.datasets.synthesis.render_views import Photography
 from dofbench.scenes.named.schema import NOT_STATED
 from dofbench.scenes.scene import Scene
 
@@ -33,6 +34,7 @@ _DEPTH = {
     "splat": "a Gaussian reconstruction of all all-in-focus views (settings in dataset.json)",
     "sfm": "sparse points, completed along the edges of the image",
     "onnx": "a monocular depth network (named in dataset.json), aligned to sparse points",
+    "sweep": "a plane sweep over the light field's views around each",
 }
 _EXIF = {"focal_length": "focal length, mm", "exposure": "exposure, s", "iso": "ISO"}
 
@@ -45,20 +47,21 @@ def dataset_readme(
     points: PointsRecord,
     records: Sequence[ViewRecord],
     lost: Sequence[str],
-    thinlens: ThinLensRecord | None = None,
+    shared: Photography,
 ) -> str:
     """Describe a dataset of known lens, without properties of the machine or the time.
 
-    lost: what a layout can't represent of the cameras.
+    lost: what a layout can't represent of the cameras. shared: how its images were made.
     """
     linear = [bool(image.linear) for image in source.images]
     return _rendered(
         "dataset.md.j2",
-        _common(scene, settings, source, points, lost, settings.renderer)
+        _common(scene, settings, source, points, lost, shared.blur.renderer)
         | {
             "records": records,
-            "blur": settings.blur,
-            "thinlens": thinlens,
+            "blur": shared.blur,
+            "thinlens": shared.thinlens,
+            "light_field": shared.light_field,
             "float": "half" if settings.linear == "exr-half" else "float",
             "some_linear": any(linear),
             "all_linear": all(linear),
@@ -147,7 +150,7 @@ def _seen(points: PointsRecord) -> str:
 
 def _assigned(settings: MakeDataset) -> str:
     if settings.assign == "continuous":
-        ends = (f"{min(values):g} to {max(values):g}" for values in (settings.focus, settings.aperture))
+        ends = (f"{min(values):g} to {max(values):g}" for values in (settings.focus, settings.values.aperture))
         return "drawn from focus {} and aperture {}".format(*ends)
     text = f"assigned from {_values(settings.values)}"
     if settings.held_out_values is None:

@@ -10,7 +10,7 @@ import numpy as np
 from dofbench.core.blur import Blur
 from dofbench.core.images import from_8bit
 from dofbench.core.lens import DisparityRange, Lens
-from dofbench.datasets.format.schema import AssignedLensRecord, ThinLensRecord, ViewRecord
+from dofbench.datasets.format.schema import AssignedLensRecord, LightFieldRecord, ThinLensRecord, ViewRecord
 from dofbench.datasets.format.sensor import Sensor
 from dofbench.datasets.synthesis.lens_plan import PlannedView
 from dofbench.optics.defocus import defocus_light, defocus_numpy
@@ -23,14 +23,15 @@ class Photography:
     """Settings that all photographs of a dataset share.
 
     disparity_range: the range that focus and aperture refer to; per_view: whether they were assigned in each view's own
-    range instead. thinlens: the geometry for the renderer "thinlens". bits: bits per channel of the photographs that
-    methods train on.
+    range instead. thinlens: the geometry for the renderer "thinlens"; light_field: the grid for "light-field". bits:
+    of a channel of the photographs that methods train on.
     """
 
     disparity_range: DisparityRange
     per_view: bool
     blur: Blur = Blur()
     thinlens: ThinLensRecord | None = None
+    light_field: LightFieldRecord | None = None
     sensor: Sensor = Sensor()
     bits: Literal[8, 16] = 8
 

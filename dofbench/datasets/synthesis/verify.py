@@ -46,7 +46,8 @@ def check_dataset(folder: Path | str) -> list[str]:
     """All problems of a dataset folder, one line each; empty for a valid dataset.
 
     Every file is compared with its checksum; the lens of every view is recomputed; a part of the most blurred view is
-    blurred again, by the scatter in float64 or by the dataset's renderer; the depth of every view is compared with its
+    blurred again, by the scatter in float64 or by the dataset's renderer (averages of a light field are compared with
+    the scatter, loosely); the depth of every view is compared with its
     neighbours'; points that the dataset's making triangulated are triangulated again. Unknown properties of real
     photographs must be marked as unknown, and the scene's role must be the one that the named datasets' files state.
     Raises InputError only if there is no manifest.
@@ -144,7 +145,7 @@ def _check_lenses(folder: Path, lenses: LensFile | UnknownLensFile, manifest: Ma
     problems += _check_photographs(lenses, manifest)
     if isinstance(lenses, UnknownLensFile):
         return [*problems, *_check_split(lenses, manifest)]
-    if lenses.normaliser != manifest.settings.get("normaliser"):
+    if lenses.normaliser != manifest.settings.get("normaliser", "scene"):
         problems.append(f"lens.json: normaliser {lenses.normaliser}, {manifest.settings.get('normaliser')} in settings")
     for record in lenses.known:
         depth_path, image_path = layout.depth_path(folder, record.name), layout.shallow_path(folder, record.name)
@@ -234,6 +235,8 @@ def _check_blur(folder: Path, lenses: LensFile) -> list[str]:
     rows, columns = (_middle(size) for size in sharp.shape[:2])
     if lenses.thinlens is not None and record.aperture > 0:
         return _check_thin_lens(folder, record, lenses, rows, columns)
+    if lenses.light_field is not None and record.aperture > 0:
+        return _near_the_scatter(folder, record, lenses, rows, columns)
     if lenses.renderer == "scatter":
         source = sharp if light is None else light
         again = blurred_again(source, depth, record, lenses, rows, columns, linear=light is not None)
@@ -259,16 +262,7 @@ def _check_thin_lens(folder: Path, record: ViewRecord, lenses: LensFile, rows: s
         optics = Optics(lenses.thinlens.recipe, lenses.thinlens.seed, lenses.thinlens.samples)
     except InputError as missing:
         print(f"{folder}: compared with the scatter alone, loosely: {missing}", file=sys.stderr, flush=True)
-        sharp = read_image(layout.sharp_path(folder, record.name))
-        depth = read_exr(layout.depth_path(folder, record.name))
-        scattered = blurred_again(sharp, depth, record, lenses, rows, columns)
-        nearer, farther = psnr_of(np.clip(scattered, 0, 1), shallow), psnr_of(sharp[rows, columns], shallow)
-        if nearer < SCATTERED_PSNR or nearer < farther:
-            return [
-                f"{file}: {nearer:.1f} dB from the scatter and {farther:.1f} dB from the sharp image, "
-                f"expected at least {SCATTERED_PSNR:g} dB, and nearer to the scatter"
-            ]
-        return []
+        return _near_the_scatter(folder, record, lenses, rows, columns)
     camera = Dataset.load(folder).view(record.name).camera
     shot = optics.photograph(camera, record, window=(rows, columns))
     whole = np.zeros((camera.height, camera.width, 3), np.float32)
@@ -279,6 +273,21 @@ def _check_thin_lens(folder: Path, record: ViewRecord, lenses: LensFile, rows: s
     expected = min(RECOMPUTED_PSNR, shot.noise_psnr - 6)
     if psnr < expected:
         return [f"{file}: {psnr:.1f} dB from the lens rendered again, expected {expected:.1f}, as its noise allows"]
+    return []
+
+
+def _near_the_scatter(folder: Path, record: ViewRecord, lenses: LensFile, rows: slice, columns: slice) -> list[str]:
+    """Compare with the scatter of the sharp image, where the blur itself can't be computed again."""
+    sharp = read_image(layout.sharp_path(folder, record.name))
+    depth = read_exr(layout.depth_path(folder, record.name))
+    shallow = read_image(layout.shallow_path(folder, record.name))[rows, columns]
+    scattered = blurred_again(sharp, depth, record, lenses, rows, columns)
+    nearer, farther = psnr_of(np.clip(scattered, 0, 1), shallow), psnr_of(sharp[rows, columns], shallow)
+    if nearer < SCATTERED_PSNR or nearer < farther:
+        return [
+            f"images/{record.name}.png: {nearer:.1f} dB from the scatter and {farther:.1f} dB from the sharp image, "
+            f"expected at least {SCATTERED_PSNR:g} dB, and nearer to the scatter"
+        ]
     return []
 
 

@@ -28,7 +28,6 @@ from dofbench.datasets.format.schema import (
     Manifest,
     SensorRecord,
     SourceRecord,
-    ThinLensRecord,
     UnknownLens,
     UnknownLensFile,
     ViewRecord,
@@ -58,6 +57,7 @@ def lens_file(root: Path, shared: Photography, records: Sequence[ViewRecord]) ->
         normaliser="view" if shared.per_view else "scene",
         **LensFile.of_blur(shared.blur),
         thinlens=shared.thinlens,
+        light_field=shared.light_field,
         sensor=SensorRecord(**asdict(shared.sensor), bits=shared.bits),
         views=tuple(records),
     )
@@ -119,11 +119,10 @@ def readme(
     points: PointsRecord,
     records: Sequence[ViewRecord],
     notes: Sequence[str],
-    thinlens: ThinLensRecord | None,
+    shared: Photography,
 ) -> None:
-    """Write the dataset's README. notes: what the layouts can't represent. thinlens: record of the renderer "thinlens",
-    or None."""
-    write_text(root / README, dataset_readme(scene, settings, source, depth, points, records, notes, thinlens))
+    """Write the dataset's README. notes: what the layouts can't represent."""
+    write_text(root / README, dataset_readme(scene, settings, source, depth, points, records, notes, shared))
 
 
 def expected_files(root: Path, source: SourceRecord, depth: DepthRecord | None) -> list[str]:

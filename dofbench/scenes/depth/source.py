@@ -35,7 +35,7 @@ def clipped(disparity: np.ndarray, floor: float, ceiling: float) -> tuple[np.nda
     return np.clip(disparity, floor, ceiling), float(outside.mean())
 
 
-SourceId = Literal["given", "folder", "splat", "sfm", "onnx"]
+SourceId = Literal["given", "folder", "splat", "sfm", "onnx", "sweep"]
 
 
 class DepthSource(Protocol):

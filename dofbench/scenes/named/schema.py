@@ -18,8 +18,9 @@ from pydantic import (
 
 from dofbench.core.evidence import Role
 
-# "blb" is no layout of scenes: single views, which validate-renderer reads.
-Layout = Literal["nerfstudio", "dofnerf", "llff", "deblurnerf", "colmap", "blb"]
+# Two are no layouts of scenes with poses: "lightfield", a grid of views, which make-dataset averages, and "blb", single
+# views, which validate-renderer reads.
+Layout = Literal["nerfstudio", "dofnerf", "llff", "deblurnerf", "colmap", "lightfield", "blb"]
 
 NOT_STATED = "not stated"
 # In a folder's name: the scene's name.

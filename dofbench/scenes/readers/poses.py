@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dofbench.core.errors import InputError
+from dofbench.scenes.light_field.grid import LIGHT_FIELD
 from dofbench.scenes.scene import Scene
 
 # Text files keep five or six digits of a rotation. What is farther from a rotation than this is worth a note.
@@ -141,8 +142,10 @@ def checked_poses(scene: Scene) -> Scene:
 
 
 def unchecked(scene: Scene) -> str:
-    """A remark, for the terminal alone, on a scene without points to check its poses; empty where there are points."""
-    return "" if scene.points is not None and len(scene.points) else _UNCHECKED
+    """A remark, for the terminal alone, on a scene without points to check its poses; empty where there are points,
+    and for a light field, whose cameras are a fit to its images."""
+    checked = (scene.points is not None and len(scene.points)) or scene.layout == LIGHT_FIELD
+    return "" if checked else _UNCHECKED
 
 
 def _one_place(centres: np.ndarray) -> bool:

@@ -140,12 +140,13 @@ def triangulate(
     sign: Callable[[], None],
     *,
     error: float | None = None,
+    narrow: bool = False,
 ) -> Any:
     """Triangulate points (a pycolmap.Reconstruction) of photographs with fixed poses.
 
     As COLMAP, excludes tracks of an angle below 1.5 degrees or an error above 4 pixels. sign: called often meanwhile.
     error: pixels in place of these 4, and the angle of twice as many in place of COLMAP's 2 degrees between a ray and
-    its point.
+    its point. narrow: the same angle in place of 1.5 degrees too, for cameras that are close together.
     """
     from dofbench.scenes.colmap_binding import pycolmap
 
@@ -172,6 +173,8 @@ def triangulate(
         focal = min(camera.mean_focal_length() for camera in posed.cameras.values())
         angle = math.degrees(math.atan(2 * error / focal))
         options.triangulation.create_max_angle_error = options.triangulation.continue_max_angle_error = angle
+        if narrow:
+            options.triangulation.min_angle = options.mapper.filter_min_tri_angle = angle
     return wait(lambda: pycolmap.triangulate_points(posed, database, folder, _emptied(work), options=options), sign)
 
 

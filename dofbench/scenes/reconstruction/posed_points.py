@@ -31,12 +31,12 @@ def program() -> str:
 
 
 def triangulated_points(
-    photographs: Sequence[Photograph], work: Path, seed: int, progress: Progress
+    photographs: Sequence[Photograph], work: Path, seed: int, progress: Progress, *, narrow: bool = False
 ) -> PointCloud | None:
     """Triangulate features of these photographs, their cameras held fixed; None without any point.
 
     Tracks index into `photographs` and have at least two views. work: a folder for intermediate files, emptied first.
-    The same photographs and seed give the same bytes on one machine.
+    narrow: as in `triangulate`. The same photographs and seed give the same bytes on one machine.
     """
     from dofbench.scenes.colmap_binding import pycolmap
 
@@ -54,7 +54,7 @@ def triangulated_points(
     settings = Reconstruct(work, work, camera_model="PINHOLE", features=_FEATURES, seed=seed)
     compare(database, folder, prepared, (), progress, settings, error=error)
     with progress.stage("points", 1) as advance:
-        found = triangulate(database, folder, work, prepared, seed, lambda: None, error=error)
+        found = triangulate(database, folder, work, prepared, seed, lambda: None, error=error, narrow=narrow)
         advance(1)
     if not found.num_points3D():
         return None

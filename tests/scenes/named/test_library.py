@@ -62,7 +62,7 @@ def test_every_dataset_says_whose_it_is_and_how_to_read_it(dataset):
     assert dataset.title and dataset.origin and dataset.licence
     assert dataset.citation or dataset.licence.startswith("CC0")
     layouts = {source_of(LIBRARY, dataset, scene)[0].layout for scene in dataset.scenes} or {dataset.layout}
-    assert layouts <= {*LAYOUTS, "blb"}
+    assert layouts <= {*LAYOUTS, "blb", "lightfield"}
 
 
 def test_the_published_sets():

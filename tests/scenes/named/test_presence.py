@@ -54,6 +54,11 @@ def write_scene(photograph, make_cameras, make_cloud):
             images(root / "images", names)
             write_transforms(root / "transforms.json", [f"images/{name}" for name in names], cameras)
             (root / "scene.json").write_text(json.dumps({"schema": "dofbench-scene", "licence": "CC0-1.0"}))
+        elif layout == "lightfield":
+            # Three full rows around the centre, but for a view at the end of one.
+            names = [f"{row:02d}_{column:02d}.png" for row in range(3) for column in range(7)]
+            images(root / "views", names[:count])
+            (root / "grid.json").write_text('{"centre": "01_03"}')
         else:
             assert layout == "blb"
             root.mkdir(parents=True)
@@ -90,7 +95,9 @@ def test_every_named_scene_is_found_and_read(tmp_path, write_scene, dataset, sce
         assert presence.state == "different" and f"expected {original.size[0]}x" in presence.detail
     else:
         assert presence.state == ("here" if original.views is None else "complete")
-    if source.layout == "blb":
+    if source.layout == "lightfield":
+        assert presence.training == count
+    if source.layout in ("blb", "lightfield"):  # no scenes with poses
         return
     loaded = found.load()
     assert loaded.layout == source.layout and loaded.name == f"{dataset.id}-{scene.name}"

@@ -29,6 +29,8 @@ LOOKED_AT = {
     "real-lens/blowtorch",
     "real-lens/chessking",
     "instant-ngp/fox",
+    "light-field/chess",
+    "light-field/desk",
 }
 
 
