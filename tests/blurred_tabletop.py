@@ -76,9 +76,9 @@ def disparities() -> DisparityRange:
     return DisparityRange(*(float(bound) for bound in np.percentile(every, (2, 98))))
 
 
-def lens(aperture: float, focus: float) -> PhysicalLens:
-    """A lens of the stamp."""
-    return Lens(aperture, focus).physical(disparities(), WIDTH)
+def lens(aperture: float, focus: float, width: int = WIDTH) -> PhysicalLens:
+    """A lens of the stamp, or of this width."""
+    return Lens(aperture, focus).physical(disparities(), width)
 
 
 def out_of_focus(aperture: float) -> Callable[[int, np.ndarray, np.ndarray], np.ndarray]:

@@ -27,6 +27,7 @@ from dofbench.core.files import write_csv, write_json
 from dofbench.core.images import from_8bit, to_8bit
 from dofbench.datasets.format.dataset import Dataset
 from dofbench.evaluation.metrics import score_image
+from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.evaluation.results.protocol import PHOTOGRAPH_COLUMNS, protocol_for
 from dofbench.evaluation.scoring.photograph_scores import scored_photographs
 from dofbench.methods.cards import find_method
@@ -117,10 +118,13 @@ def ranks(rows: list[dict[str, Any]]) -> Iterator[str]:
     for dataset, protocol in groups:
         every = [row for row in rows if (row["dataset"], row["protocol"]) == (dataset, protocol)]
         for true, score, close in [(t, f"photo_{s}", c) for c in (False, True) for t in ("psnr", "aif_psnr")
-                                   for s in ("psnr", "ssim")]:  # fmt: skip
+                                   for s in ("psnr", "ssim", "blur")]:  # fmt: skip
+            if not all(row.get(score) for row in every):
+                continue
             best = max(float(row[true]) for row in every)
             own = [row for row in every if not close or float(row[true]) > best - CLOSE]
             x, y = (np.array([float(row[column]) for row in own]) for column in (true, score))
+            y *= 1 if COLUMNS[score].higher_is_better else -1
             drawn, generator = [], np.random.default_rng(0)
             while len(drawn) < 2000:
                 chosen = generator.integers(len(own), size=len(own))
@@ -145,6 +149,8 @@ def main(settings: Settings) -> None:
     if settings.out.is_file():
         with settings.out.open(newline="") as file:
             rows = list(csv.DictReader(file))
+    # Rows of the same protocol before it had all of its columns are measured again.
+    rows = [row for row in rows if row["protocol"] != protocol or row.get(PHOTOGRAPH_COLUMNS[-1])]
     known = {(row["dataset"], row["protocol"], row["variant"]) for row in rows}
     for folder in settings.data:
         dataset = Dataset.load(folder)

@@ -79,7 +79,7 @@ LAYOUTS = (
         "Photographs of unknown lens",
         "Held-out photographs, rendered with the learned aperture (methods without one: all in focus), focus and "
         "colours fitted on half of each, scored on the other half.",
-        "photo_psnr photo_ssim photo_sharp_psnr photo_sharp_ssim",
+        "photo_psnr photo_ssim photo_blur photo_sharp_psnr photo_sharp_ssim photo_sharp_blur",
         "photo_psnr photo_ssim",
     ),
     _layout(

@@ -11,7 +11,7 @@ from dofbench.evaluation.results.columns import COLUMNS, LENS
 from dofbench.reporting.boards import Board, Names, Variant, mean_names
 from dofbench.reporting.tables import Section, Table, difference, score_headings, word_headings, words
 
-SHOWN = """psnr ssim flip aif_psnr aif_ssim aif_flip photo_psnr photo_ssim across_psnr across_blurred_psnr
+SHOWN = """psnr ssim flip aif_psnr aif_ssim aif_flip photo_psnr photo_ssim photo_blur across_psnr across_blurred_psnr
     delta_a delta_f delta_r disparity_error""".split()
 HEADING = "Compared view by view"
 TESTED = "How differences are tested"

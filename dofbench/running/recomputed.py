@@ -19,7 +19,7 @@ from dofbench.datasets.format.dataset import Dataset, DatasetView
 from dofbench.evaluation.metrics import METRICS, score_image
 from dofbench.evaluation.metrics.lens_errors import do_nothing_errors, lens_errors
 from dofbench.evaluation.results.added_scores import read_added
-from dofbench.evaluation.results.protocol import ACROSS_COLUMNS, LENS_COLUMNS, scores_both_halves
+from dofbench.evaluation.results.protocol import ACROSS_COLUMNS, BLUR_COLUMNS, LENS_COLUMNS, scores_both_halves
 from dofbench.evaluation.results.result import Result
 from dofbench.evaluation.scoring.evaluate import CURVE_METRICS, PREFIX, WHOLE, Kind, true_depth
 from dofbench.evaluation.scoring.photograph_scores import (
@@ -27,6 +27,7 @@ from dofbench.evaluation.scoring.photograph_scores import (
     CLEAR,
     ScoredPixels,
     blurred_thirds,
+    picture_blur,
     picture_scores,
 )
 from dofbench.evaluation.scoring.photographs.image_tiles import masked_psnr
@@ -113,6 +114,8 @@ def _scores_again(
             again |= {prefix + metric: float(value) for metric, value in scores.items()}
             continue
         scores = picture_scores(picture, truth, prefix, pixels.tiles(view))
+        if kind == "photograph" and not {*BLUR_COLUMNS}.isdisjoint(own):
+            scores |= picture_blur(picture, truth, pixels.tiles(view))
         if view.name in thirds:
             scores |= {column: masked_psnr(picture, truth, thirds[view.name] == of) for column, of in _STRATA.items()}
         again |= {column: value for column, value in scores.items() if column in own}
@@ -123,7 +126,7 @@ def _scores_again(
 
 def _kind(column: str) -> Kind | None:
     """The kind of kept picture that a column is a score of; None for any other column."""
-    if column in ("photo_psnr", "photo_ssim"):
+    if column in ("photo_psnr", "photo_ssim", "photo_blur", "photo_blur_bias"):
         return "photograph"
     if column in ACROSS_COLUMNS:
         return "across" if column.startswith(PREFIX["across"]) else None

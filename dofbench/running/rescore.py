@@ -25,10 +25,11 @@ from dofbench.datasets.format.dataset import Dataset
 from dofbench.evaluation.metrics import METRICS, score_image
 from dofbench.evaluation.results import provenance
 from dofbench.evaluation.results.added_scores import ADDED_VERSION, Added, AddedScore, read_added, write_added
-from dofbench.evaluation.results.columns import WEIGHTED
+from dofbench.evaluation.results.columns import COLUMNS, WEIGHTED
 from dofbench.evaluation.results.protocol import (
     AIF_PREFIX,
     DEPTH_COLUMNS,
+    PICTURE_BLUR,
     PROTOCOLS,
     arithmetic_mean,
     kind_prefix,
@@ -38,7 +39,7 @@ from dofbench.evaluation.results.result import RESULT_FILE, Result
 from dofbench.evaluation.results.run_lease import run_lease
 from dofbench.evaluation.scoring.evaluate import PREFIX, WHOLE, Kind, depth_scores, true_depth
 from dofbench.evaluation.scoring.ground_truth import missing_truth
-from dofbench.evaluation.scoring.photograph_scores import ScoredPixels
+from dofbench.evaluation.scoring.photograph_scores import NO_TEXTURE, ScoredPixels, picture_blur
 from dofbench.methods.cards import find_method
 from dofbench.running.load_run import LoadedRun, load_run
 
@@ -145,6 +146,9 @@ def score_result(run: LoadedRun, columns: Iterable[str] | None, lpips: Lpips | N
     for of, compute, own in sources:
         views = compute()
         for column in own:
+            if any(column not in scores for scores in views.values()):
+                found.left_out[column] = NO_TEXTURE
+                continue
             values = {name: scores[column] for name, scores in views.items()}
             mean = arithmetic_mean(list(values.values()))
             if column not in result.scores:
@@ -154,7 +158,7 @@ def score_result(run: LoadedRun, columns: Iterable[str] | None, lpips: Lpips | N
                         "value": mean,
                         "views": values,
                         "of": of,
-                        "note": METRICS[metric].note,
+                        "note": (METRICS.get(metric) or COLUMNS[column]).note,
                         "code": code,
                         "git": git,
                         "scored": timestamp(),
@@ -171,7 +175,7 @@ def score_result(run: LoadedRun, columns: Iterable[str] | None, lpips: Lpips | N
 
 
 def _columns(metrics: str, lpips: Lpips | None) -> tuple[str, ...]:
-    known = (*columns_known(), *(prefix + lpips.id for prefix in PREFIX.values() if lpips))
+    known = (*columns_known(), *PICTURE_BLUR, *(prefix + lpips.id for prefix in PREFIX.values() if lpips))
     wanted = tuple(dict.fromkeys(part.strip() for part in metrics.split(",")))
     for column in wanted:
         if column not in known and column in WEIGHTED:
@@ -183,11 +187,13 @@ def _columns(metrics: str, lpips: Lpips | None) -> tuple[str, ...]:
 
 
 def _own_columns(run: LoadedRun, lpips: Lpips | None) -> list[str]:
-    """The columns of LPIPS for the kinds of image that the run's protocol scores."""
+    """The blur of predicted photographs, and LPIPS of the kinds of image that the run's protocol scores."""
     protocol = PROTOCOLS.get(run.result.spec.protocol)
-    if lpips is None or protocol is None:
+    if protocol is None:
         return []
-    return [prefix + lpips.id for prefix in PREFIX.values() if f"{prefix}psnr" in protocol.image_columns]
+    blur = [column for column in PICTURE_BLUR if column in protocol.image_columns]
+    kinds = PREFIX.values() if lpips else ()
+    return [*blur, *(prefix + lpips.id for prefix in kinds if lpips and f"{prefix}psnr" in protocol.image_columns)]
 
 
 def _too_small(dataset: Dataset, lpips: Lpips) -> str:
@@ -218,7 +224,7 @@ def _no_pictures(result: Result, kind: Kind) -> str:
 def _of_pictures(run: LoadedRun, kind: Kind, columns: list[str], lpips: Lpips | None) -> dict[str, dict[str, float]]:
     """Raises InputError where a picture isn't the one that was scored."""
     prefix = PREFIX[kind]
-    metrics = [column.removeprefix(prefix) for column in columns if column not in WEIGHTED]
+    metrics = [column.removeprefix(prefix) for column in columns if column not in (*WEIGHTED, *PICTURE_BLUR)]
     read = run.dataset.all_in_focus if kind == "all_in_focus" else run.dataset.image
     views = {}
     pixels = ScoredPixels(run.dataset, both=kind in WHOLE or scores_both_halves(run.result.spec.protocol))
@@ -230,6 +236,8 @@ def _of_pictures(run: LoadedRun, kind: Kind, columns: list[str], lpips: Lpips | 
         if lpips and prefix + lpips.id in columns:
             scores[lpips.id] = lpips(picture, truth, mask)
         views[view.name] = {prefix + metric: float(value) for metric, value in scores.items()}
+        if any(column in PICTURE_BLUR for column in columns):
+            views[view.name] |= picture_blur(picture, truth, pixels.tiles(view))
     return views
 
 

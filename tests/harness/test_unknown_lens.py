@@ -18,7 +18,10 @@ from dofbench.core.errors import Status
 from dofbench.core.images import read_image
 from dofbench.core.jobs import Outcome
 from dofbench.datasets.format.dataset import Dataset
+from dofbench.evaluation.comparing.means import seed_mean
 from dofbench.evaluation.metrics.lpips import load_lpips
+from dofbench.evaluation.results.collecting import collect
+from dofbench.evaluation.results.protocol import BLUR_COLUMNS, PICTURE_BLUR
 from dofbench.evaluation.results.result import read_result
 from dofbench.evaluation.scoring import photograph_scores
 from dofbench.evaluation.scoring.photograph_scores import ScoredPixels
@@ -101,6 +104,7 @@ def test_photographs_are_scored_by_what_half_of_each_tells(call: Callable[..., O
     result = read_result(end.folder)
     assert result.spec.protocol == "photographs-v2" and check_result(end.folder).problems == []
     assert {"photo_psnr", "photo_ssim", "photo_sharp_psnr", "photo_no_lens", "photo_at_bound"} <= result.scores.keys()
+    assert {"photo_blur", "photo_blur_bias", "photo_sharp_blur"} <= result.scores.keys()
     assert not {"psnr", "aif_psnr", "delta_a"} & result.scores.keys()
     assert [fit.name for fit in result.fits] == ["v0", "v1"] and all(len(fit.halves) == 1 for fit in result.fits)
     assert all(half.fitted_on == 0 and half.renders > 10 for fit in result.fits for half in fit.halves)
@@ -111,6 +115,7 @@ def test_photographs_are_scored_by_what_half_of_each_tells(call: Callable[..., O
     assert "the method has no lens" in blind.left_out["photo_no_lens"] and blind.scores["photo_psnr"] > 0
     assert all(half.aperture is None and not half.at_bound for fit in blind.fits for half in fit.halves)
     assert blind.scores["photo_psnr"] == blind.scores["photo_sharp_psnr"]
+    assert blind.scores["photo_blur"] == blind.scores["photo_sharp_blur"] > 0
     off = read_result(call(data=data, set=("lens=false",)).folder)
     assert "no lens here" in off.left_out["photo_no_lens"] and check_result(end.folder).problems == []
 
@@ -145,6 +150,33 @@ def test_a_picture_that_isnt_what_was_scored_is_noticed(call: Callable[..., Outc
     stored["scores"]["photo_psnr"] += 0.5
     write_again(file, stored)
     assert any("photo_psnr is" in line and "computed again" in line for line in check_result(folder).problems)
+
+
+def test_a_result_scored_before_there_was_blur_is_read_and_can_be_given_it(
+    call: Callable[..., Outcome], tmp_path: Path
+) -> None:
+    data = write_dataset(tmp_path / "photographs", name="seal", unknown=EVERY, blurred=EVERY, flat=EVERY, exact=False)
+    folder = call(data=data).folder
+    measured = read_result(folder).scores
+    file = folder / "result.json"
+    stored = json.loads(file.read_text())
+    for scores in (stored["scores"], *(view["scores"] for view in stored["views"])):
+        for column in BLUR_COLUMNS:
+            del scores[column]
+    for columns in (stored["plan"]["columns"], stored["protocol"]["photograph"]):
+        columns[:] = [column for column in columns if column not in BLUR_COLUMNS]
+    write_again(file, stored)
+    assert check_result(folder).problems == []
+    (entry,) = collect(folder).entries
+    assert "scored before" in seed_mean([entry], "photo_blur").reason
+    assert score([folder], console=Console(quiet=True))
+    (entry,) = collect(folder).entries
+    assert [seed_mean([entry], column).value for column in PICTURE_BLUR] == [measured[one] for one in PICTURE_BLUR]
+    assert "scored before" in seed_mean([entry], "photo_sharp_blur").reason
+    assert check_result(folder).problems == []
+    stored["protocol"]["photograph"][0] = "photo_ssim"
+    write_again(file, stored)
+    assert any("its photograph is not" in line for line in check_result(folder).problems)
 
 
 def test_a_prediction_that_isnt_finite_is_a_failure(call: Callable[..., Outcome], tmp_path: Path) -> None:

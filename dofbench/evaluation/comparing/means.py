@@ -10,7 +10,14 @@ from dataclasses import dataclass
 from dofbench.core.errors import Status
 from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.columns import ALL_IN_FOCUS, EXIF, PHOTOGRAPH, REFOCUS, SCORES, WEIGHTED
-from dofbench.evaluation.results.protocol import DEPTH_COLUMNS, PROTOCOLS, arithmetic_mean, kind_prefix
+from dofbench.evaluation.results.protocol import (
+    BLUR_COLUMNS,
+    DEPTH_COLUMNS,
+    PICTURE_BLUR,
+    PROTOCOLS,
+    arithmetic_mean,
+    kind_prefix,
+)
 
 
 @dataclass(frozen=True)
@@ -55,6 +62,9 @@ def _no_reason(entry: Entry, column: str) -> str:
     if column in SCORES:
         of_images = column in (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH)
         foreign = protocol is not None and of_images and column not in protocol.image_columns
+        if column in BLUR_COLUMNS and not foreign:
+            later = ": `dofbench score` adds it" if column in PICTURE_BLUR else ""
+            return f"the run was scored before its protocol had it{later}"
         return "" if foreign else "the result holds no such score, nor a reason"
     if column in WEIGHTED:
         foreign = protocol is not None and f"{kind_prefix(column)}psnr" not in protocol.image_columns

@@ -11,6 +11,7 @@ from dofbench.evaluation.results.protocol import (
     ACROSS_COLUMNS,
     ACROSS_PREFIX,
     AIF_PREFIX,
+    BLUR_COLUMNS,
     EXIF_COLUMNS,
     EXIF_FOCUS_COLUMNS,
     PHOTO_PREFIX,
@@ -26,7 +27,10 @@ ALL_IN_FOCUS = ("aif_psnr", "aif_ssim", "aif_flip", "aif_ssim_uniform7")
 LENS = ("delta_a", "delta_f", "delta_r")
 DEPTH = ("disparity_error", "depth_rel")
 PHOTOGRAPH = tuple(dict.fromkeys((*PHOTOGRAPH_COLUMNS, "photo_blur_psnr", *ACROSS_COLUMNS)))
-_PHOTOGRAPHS_2 = ("photo_sharp_psnr", "photo_sharp_ssim", "photo_no_lens", "photo_at_bound", "photo_covered")
+_PHOTOGRAPHS_2 = (
+    *("photo_sharp_psnr", "photo_sharp_ssim", "photo_no_lens", "photo_at_bound", "photo_covered"),
+    *BLUR_COLUMNS,
+)
 EXIF = (*EXIF_COLUMNS, *EXIF_FOCUS_COLUMNS)
 COST = ("train_s", "train_cpu_s", "cold_start_s", "steps", "render_fps", "peak_mb", "gaussians", "resolved")
 SCORES = (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH, *LENS, *EXIF, *DEPTH, *COST)

@@ -16,7 +16,14 @@ LENS_COLUMNS = ("delta_a", "delta_f", "delta_r")
 DEPTH_COLUMNS = ("disparity_error", "depth_rel")
 # Shares of test views without a fitted lens and with one at its bound, and of pixels that training views cover, %.
 _FIT_COLUMNS = ("photo_no_lens", "photo_at_bound", "photo_covered")
-PHOTOGRAPH_COLUMNS = ("photo_psnr", "photo_ssim", "photo_sharp_psnr", "photo_sharp_ssim", *_FIT_COLUMNS)
+# Errors of band energies: mean magnitude and mean by the fitted lens, mean magnitude by the all-in-focus rendering.
+PICTURE_BLUR = ("photo_blur", "photo_blur_bias")
+BLUR_COLUMNS = (*PICTURE_BLUR, "photo_sharp_blur")
+PHOTOGRAPH_COLUMNS = (
+    *("photo_psnr", "photo_ssim", "photo_sharp_psnr", "photo_sharp_ssim"),
+    *_FIT_COLUMNS,
+    *BLUR_COLUMNS,  # last, because the protocol had none at first
+)
 _PHOTOGRAPH_COLUMNS_1 = ("photo_psnr", "photo_ssim", "photo_blur_psnr")
 # Predictions by the learned aperture scaled to the test view's f-number, by the unscaled aperture, and all in focus;
 # over all pixels, and over the thirds in which the training views are most and least blurred.

@@ -27,6 +27,7 @@ from dofbench.evaluation.results.protocol import (
     ACROSS_COLUMNS,
     ACROSS_PREFIX,
     AIF_PREFIX,
+    BLUR_COLUMNS,
     DEPTH_COLUMNS,
     EXIF_COLUMNS,
     EXIF_FOCUS_COLUMNS,
@@ -44,6 +45,7 @@ from dofbench.evaluation.scoring.ground_truth import missing_truth
 from dofbench.evaluation.scoring.photograph_scores import (
     NO_COVERAGE,
     NO_STRATA,
+    NO_TEXTURE,
     Scored,
     ScoredPixels,
     scored_photographs,
@@ -68,6 +70,8 @@ PREFIX: dict[Kind, str] = {
     "photograph": PHOTO_PREFIX,
     "across": ACROSS_PREFIX,
 }
+# Why photographs lack a column; all others need strata.
+_REASONS = {"photo_covered": NO_COVERAGE, **dict.fromkeys(BLUR_COLUMNS, NO_TEXTURE)}
 # Kinds of prediction of which every pixel is scored, by any metric.
 WHOLE: tuple[Kind, ...] = ("refocus", "all_in_focus")
 
@@ -290,7 +294,7 @@ class Evaluator:
         planned = [column for column in self._protocol.photograph if column in self._columns]
         for column in planned:
             if any(column not in scores for scores in rows.values()):
-                reason = NO_COVERAGE if column == "photo_covered" else NO_STRATA
+                reason = _REASONS.get(column, NO_STRATA)
                 found.left_out[column] = f"{WITHOUT_LENS}: {refused}" if refused and column in OF_LENSES else reason
                 for scores in rows.values():
                     scores.pop(column, None)

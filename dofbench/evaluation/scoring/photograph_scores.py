@@ -10,10 +10,18 @@ from functools import cached_property, partial
 import numpy as np
 
 from dofbench.core.contracts import Method
+from dofbench.core.images import from_8bit, to_8bit
 from dofbench.core.masks import filled
 from dofbench.datasets.format.benchmark_dataset import BenchmarkDataset, BenchmarkView
-from dofbench.evaluation.results.protocol import ACROSS_PREFIX, PHOTO_PREFIX, PHOTOGRAPH_COLUMNS
+from dofbench.evaluation.results.protocol import (
+    ACROSS_PREFIX,
+    BLUR_COLUMNS,
+    PHOTO_PREFIX,
+    PHOTOGRAPH_COLUMNS,
+    PICTURE_BLUR,
+)
 from dofbench.evaluation.results.result import HalfFitted, ViewFit
+from dofbench.evaluation.scoring.photographs.band_energies import band_ratios
 from dofbench.evaluation.scoring.photographs.coverage import Frame, covered
 from dofbench.evaluation.scoring.photographs.image_tiles import Tiles, masked_psnr, tiled_ssim
 from dofbench.evaluation.scoring.photographs.learned_aperture import learned_aperture
@@ -24,6 +32,7 @@ from dofbench.evaluation.scoring.photographs.strata import sharpness_ratio, thir
 CURVE_VIEWS = 4  # evenly spaced test views that are predicted during training; a search takes seconds
 BLURRED, CLEAR = 0, 2  # indices of the thirds of a view (`strata.thirds`)
 NO_STRATA = "too few sparse points in views of both apertures to measure their blur"
+NO_TEXTURE = "the scored tiles of a test view have no texture"
 NO_COVERAGE = "too few sparse points in a test view to know what the training views cover of it"
 
 
@@ -119,7 +128,7 @@ def scored_photographs(
                 unscaled = predicted(view.camera, photograph, aperture, mask=mask).picture
             scores = _across_scores(found, unscaled, photograph, strata.get(view.name), quick=quick)
         else:
-            scores = prediction_scores(found, photograph)
+            scores = prediction_scores(found, photograph) | ({} if quick else prediction_blur(found, photograph))
         if not found.refused:
             scores |= _lens_shares(found)
         yield Scored(view, photograph, found, scores | ({} if share is None else {"photo_covered": share}))
@@ -148,6 +157,24 @@ def prediction_scores(found: Prediction, photograph: np.ndarray) -> dict[str, fl
         else:
             scores |= picture_scores(picture, photograph, prefix, found.tiles)
     return scores
+
+
+def picture_blur(picture: np.ndarray, photograph: np.ndarray, tiles: Tiles) -> dict[str, float]:
+    """`PICTURE_BLUR` of an image, (H, W, 3), encoded, at 8-bit levels; none where the photograph has no texture."""
+    # A file's reader may differ from `from_8bit` by a float32's last digit, which shows where the mean is near zero.
+    found = band_ratios(from_8bit(to_8bit(picture)), from_8bit(to_8bit(photograph)), tiles)
+    if not found.ratios.size:
+        return {}
+    return dict(zip(PICTURE_BLUR, (float(found.errors.mean()), float(found.excess.mean())), strict=True))
+
+
+def prediction_blur(found: Prediction, photograph: np.ndarray) -> dict[str, float]:
+    """`BLUR_COLUMNS`, as far as the photograph has texture; NaN for a non-finite rendering."""
+    if found.picture is None or found.sharp is None:
+        return dict.fromkeys(BLUR_COLUMNS, math.nan)
+    scores = picture_blur(found.picture, photograph, found.tiles)
+    plain = scores if found.sharp is found.picture else picture_blur(found.sharp, photograph, found.tiles)
+    return scores | ({"photo_sharp_blur": plain["photo_blur"]} if plain else {})
 
 
 def _lens_shares(found: Prediction) -> dict[str, float]:

@@ -16,6 +16,7 @@ from dofbench.evaluation.results.protocol import (
     EXIF_COLUMNS,
     EXIF_FOCUS_COLUMNS,
     LENS_COLUMNS,
+    PICTURE_BLUR,
     PROTOCOLS,
     arithmetic_mean,
 )
@@ -38,7 +39,7 @@ def added_inconsistencies(added: Added, result: Result) -> Iterator[str]:
         yield f"added scores of the key {added.key[:8]}…, the result's is {result.key[:8]}…"
     views = {view.name for view in result.views}
     for column, score in added.scores.items():
-        if column.removeprefix(AIF_PREFIX) not in METRICS and column not in WEIGHTED:
+        if column.removeprefix(AIF_PREFIX) not in METRICS and column not in (*WEIGHTED, *PICTURE_BLUR):
             yield f"added {column}: no such metric"
         if (column in WEIGHTED) != bool(score.weights):
             yield f"added {column}: {'no sha256' if column in WEIGHTED else 'a sha256'} of weights"
@@ -68,11 +69,12 @@ def _identity(result: Result) -> Iterator[str]:
         yield f"unknown protocol {result.spec.protocol!r}, expected one of {', '.join(PROTOCOLS)}"
     else:
         said = known.as_data()
-        # JSON turned tuples into lists. Parts added to the protocol since aren't compared.
+        # JSON turned tuples into lists. Parts added to the protocol since aren't compared, nor scores of photographs.
+        since = {**said, "photograph": said["photograph"][: len(result.protocol.get("photograph", ()))]}
         changed = [
             name
             for name, value in result.protocol.items()
-            if name in said and value != (list(said[name]) if isinstance(said[name], tuple) else said[name])
+            if name in since and value != (list(since[name]) if isinstance(since[name], tuple) else since[name])
         ]
         yield from (f"protocol {known.id}: its {name} is not what that protocol says" for name in changed)
     spec = result.spec.model_dump(mode="json")
