@@ -38,6 +38,10 @@ State = Literal["frozen", "other budget", "changed", "not frozen"]
 # there was the option, so it isn't part of what was chosen.
 _NEUTRAL: dict[str, Any] = {
     "lens_focus_from": "option",
+    "lens_free_until": 0.0,
+    "lens_measured_at": 1.0,
+    "lens_frozen_until": 0.0,
+    "lens_within": 2.0,
     "patience": 0.0,
     "prune_near": 0.0,
     "near_share": 0.0,

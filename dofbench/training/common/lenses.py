@@ -119,6 +119,16 @@ class LensOptions:
     lens_focus_from: Literal["option", "exif"] = "option"
     """Where foci start: option, at lens_init_focus; exif, in the ratios of the disparities in focus that EXIF states,
     their median at lens_init_focus. Unit: none. Source: own."""
+    lens_free_until: float = 0.0
+    """Until when training has no lens. Unit: share of the training. Source: own."""
+    lens_measured_at: float = 1.0
+    """When lenses are measured by the blur of photographs of one surface, and set to it; 1 for never. Unit: share of
+    the training. Source: own."""
+    lens_frozen_until: float = 0.0
+    """Until when a lens that was measured keeps its value. Unit: share of the training. Source: own."""
+    lens_within: float = 2.0
+    """How far a measured lens may be learned away from its value; 0 for any distance. Unit: standard deviations of
+    the measurement. Source: own."""
 
     def __post_init__(self) -> None:
         if self.lens_init_aperture <= 0:
@@ -127,6 +137,9 @@ class LensOptions:
                 str(self.lens_init_aperture),
                 "more than 0: a closed lens blurs nothing, so its aperture would get no gradient",
             )
+        if self.lens_range == "render" and self.lens_measured_at < 1:
+            found = f"{self.lens_measured_at:g} with lens_range=render"
+            raise InputError("option lens_measured_at", found, "1: lenses are measured in the points' range")
         if self.lens_range == "render" and self.lens_per not in ("view", "scene"):
             raise InputError(
                 "option lens_per",
@@ -157,6 +170,7 @@ class LearnedLenses:
         self._options, self._first_range = options, disparity_range
         self.ranges = [disparity_range] * count
         self._ties = Ties.untied(count) if ties is None else ties
+        self._limits: list[tuple[tuple[float, float], tuple[float, float]]] = []  # of aperture and focus, by view
         self._numbers = (self._ties.aperture, self._ties.focus)
         self._tables = [
             RowAdam(torch.full((max(numbers) + 1, 1), value, device=device), dense=options.lens_update == "dense")
@@ -228,12 +242,27 @@ class LearnedLenses:
 
     def step(self, view: int, progress: float, cooldown: float = 1.0) -> None:
         """One Adam step on a view, its rate times `cooldown`, once `lens_from` has passed. With `lens_update="dense"`
-        every view's moments decay too."""
+        every view's moments decay too. A measured lens stays within its limits."""
         options = self._options
-        if progress < options.lens_from:
+        if progress < max(options.lens_from, options.lens_frozen_until if self._limits else 0.0):
             return
         rate = options.lens_lr * (options.lens_lr_final / options.lens_lr) ** progress * cooldown
         step_together(self._each(view), rate)
+        if self._limits:
+            self._limit(view)
+
+    def _limit(self, view: int) -> None:
+        """Return a view's lens to the nearest one within its limits."""
+        lens, limits = self.aperture_and_focus(view), self._limits[view]
+        inside = [min(max(value, low), high) for value, (low, high) in zip(lens, limits, strict=True)]
+        if inside != list(lens):
+            self._set(view, *inside)
+
+    def _set(self, view: int, aperture: float, focus: float) -> None:
+        opening = self._ties.opening[view]
+        raw = self._raw_of(aperture / opening, focus, opening)
+        for (table, row), value in zip(self._each(view), raw, strict=True):
+            table.values[row] = value
 
     def estimate(self, view: int, width: int) -> PhysicalLens:
         """The learned lens of a view in scene units, for an image `width` px wide."""
@@ -257,6 +286,21 @@ class LearnedLenses:
             focus = float(np.median(foci[np.array(ties.focus) == place]))
             first, second = lenses._raw_of(aperture, focus, ties.opening[view])
             lenses._tables[0].values[number], lenses._tables[1].values[place] = first, second
+        return lenses
+
+    def use(self, options: LensOptions) -> None:
+        """Go on with other rates and times; values and what is shared stay as they are."""
+        self._options = options
+
+    def measured(self, aperture: np.ndarray, focus: np.ndarray, errors: np.ndarray, ties: Ties) -> LearnedLenses:
+        """Lenses of these values under the given ties, with limits about them. aperture, focus: (V,), normalised.
+        errors: (V, 2) standard deviations, of the aperture relative to it; the option lens_within scales them."""
+        lenses = LearnedLenses(len(self.ranges), self._first_range, self._options, ties, self._tables[0].values.device)
+        lenses.ranges, reach = list(self.ranges), self._options.lens_within or math.inf
+        for view, (a, f, error) in enumerate(zip(aperture, focus, errors, strict=True)):
+            lenses._set(view, float(a), float(f))
+            factor, wide = math.exp(min(reach * float(error[0]), 50.0)), reach * float(error[1])
+            lenses._limits.append(((float(a) / factor, float(a) * factor), (float(f) - wide, float(f) + wide)))
         return lenses
 
     def start_foci(self, foci: Sequence[float]) -> None:

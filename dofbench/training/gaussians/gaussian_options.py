@@ -17,7 +17,7 @@ from dofbench.training.common.priors import PriorOptions
 from dofbench.training.common.views import OutlierOptions
 from dofbench.training.gaussians.density import DensityControl, DensityOptions
 from dofbench.training.gaussians.early_stopping import StoppingOptions
-from dofbench.training.gaussians.forward_model import BlurOptions, BlurStart, LearnedBlur
+from dofbench.training.gaussians.forward_model import BlurOptions, BlurStart, LearnedBlur, Pinhole
 from dofbench.training.gaussians.lens_models import ForwardSchedule, SamplesOptions, ScatterOptions, training_models
 from dofbench.training.gaussians.model import Gaussians
 from dofbench.training.gaussians.optimiser import GaussianOptimiser, RateOptions
@@ -127,7 +127,8 @@ class GaussianOptions(OptionGroups):
 
     def forward_models(self) -> ForwardSchedule:
         """The forward models of a training, if no other blur is learned."""
-        return training_models(self.lens.lens, self.blur, self.scatter, self.samples)
+        models = training_models(self.lens.lens, self.blur, self.scatter, self.samples)
+        return models.after(Pinhole(), self.lens.lens_free_until) if self.lens.lens else models
 
     def first_gaussians(self, points: PointCloud | None, device: str) -> Gaussians:
         """The Gaussians that training starts from. Raises the errors of `Gaussians.from_points`."""

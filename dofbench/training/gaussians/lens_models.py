@@ -164,6 +164,11 @@ class ForwardSchedule:
         """The model at `progress`, 0 to 1: the last one whose start has been reached."""
         return [model for start, model in self._models if start <= progress][-1]
 
+    def after(self, first: ForwardModel, until: float) -> ForwardSchedule:
+        """This schedule, with another model before `until`, a share of the training."""
+        later = [(max(start, until), model) for start, model in self._models]
+        return ForwardSchedule([(0.0, first), *later]) if until > 0 else self
+
     @property
     def models(self) -> tuple[ForwardModel, ...]:
         """All models of the schedule, in order."""

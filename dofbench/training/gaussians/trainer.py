@@ -30,6 +30,7 @@ from dofbench.training.gaussians.early_stopping import Best, EarlyStopping
 from dofbench.training.gaussians.forward_model import SharpView, Shot
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.lens_renderer import LensRenderer, StillRasteriser, foci_apart, widest_circle
+from dofbench.training.gaussians.lens_start import measured_lenses
 from dofbench.training.gaussians.render import rasterise
 from dofbench.training.gaussians.training_state import Snapshot, TrainingState
 from dofbench.training.gaussians.training_step import take_step, update_filter
@@ -57,6 +58,7 @@ class Trainer:
         # A reset of the opacities sets the scores back for a while, which isn't overfitting.
         begins = options.density.densify_until if options.density.reset_every > 0 else 0.0
         self._stopping = EarlyStopping(options.stopping, options.schedule.cooldown_from, len(self.views), begins)
+        self._unmeasured = options.lens.lens and options.lens.lens_measured_at < 1
         self._prior: Prior | None = None
         self._scaled: dict[int, list[ScaledView]] = {}
 
@@ -110,6 +112,8 @@ class Trainer:
                     pace.resume(step)
                     pace.plan(self.options.starts(), partial(self._time_of_a_step, observer))
                 else:
+                    if self._unmeasured and progress >= self.options.lens.lens_measured_at:
+                        self._measure(observer)
                     self._next(step, progress)
                     step += 1
                 if self._stopping.active:
@@ -179,6 +183,18 @@ class Trainer:
         self.stages["trials"] = time.perf_counter() - start
         self._scaled = self._scale_views()
         return step
+
+    def _measure(self, observer: Observer) -> None:
+        """Measure the lenses on the scene so far, and go on from them if they are determined."""
+        self._unmeasured = False
+        with self._clock.timed("lens measured"):
+            found = measured_lenses(self.gaussians, self.state, self.views, self.options, self._seed)
+        reason = "too few patches that two photographs show" if found is None else str(found)
+        determined = found is not None and found.determined
+        self.decisions.append(Decision("lens_measured", determined, reason))
+        if found is not None and determined:
+            self.state.set_lenses(found)
+            self._trials.settle("share")
 
     def _stop_early(self, step: int, pace: Pace) -> None:
         """Score the state after `step` if it is due. If training is to stop, return to the best state, for the cooldown

@@ -15,6 +15,7 @@ from dofbench.core.contracts import PointCloud, TrainingSet
 from dofbench.core.lens import DisparityRange
 from dofbench.runtime.raster import Geometry
 from dofbench.training.common.depth import all_disparities
+from dofbench.training.common.lens_profile import MeasuredLenses
 from dofbench.training.common.lenses import LearnedLenses, first_lenses, lens_ties
 from dofbench.training.common.losses import NO_ADAPTATION, AdaptationOptions
 from dofbench.training.common.monitor import Watch
@@ -138,6 +139,17 @@ class TrainingState:
         elif self.options.lens.lens_per != before.lens_per:
             assert self.lenses is not None
             self.lenses = self.lenses.shared(lens_ties(self._views, self.options.lens.lens_per))
+        if self.lenses is not None:
+            self.lenses.use(self.options.lens)
+
+    def set_lenses(self, found: MeasuredLenses) -> None:
+        """Set the lenses to measured ones, which share what the measurement says."""
+        assert self.lenses is not None
+        if not found.each and self.options.lens.lens_per == "view":
+            self._use(self.options.with_overrides({"lens_per": "aperture"}))
+        ties = lens_ties(self._views, self.options.lens.lens_per)
+        errors = np.stack([found.aperture_error, found.focus_error], axis=1)
+        self.lenses = self.lenses.measured(found.aperture, found.foci, errors, ties)
 
     def snapshot(self) -> Snapshot:
         """Copy the whole state."""

@@ -114,6 +114,10 @@ class Trials:
         """Whether the trials are still to come."""
         return bool(self._open)
 
+    def settle(self, question: str) -> None:
+        """Ask this question no more: it was answered otherwise."""
+        self._open = tuple(one for one in self._open if one != question)
+
     def due(self, step: int, progress: float) -> bool:
         """Whether the trials take place after `step`: at their time, but not before every view has been visited."""
         return self.open and progress >= self._at and step >= len(self._trainee.views)
@@ -229,7 +233,8 @@ def keeps_lens(gain: float, error: float, circle: float) -> bool:
 # own blur, at a fifth of the cost, can't be told from it on ray-traced defocus (docs/notes/forward-models.md).
 _LENS_POINTS = {"lens_model": "samples", "lens_samples_from": 0.0, "lens_rings": 1}
 # Until the last fifth each Gaussian's own blur continues, since it takes one rasterisation.
-_AFTER = {"samples": {"lens_rings_from": 0.8, "depth_every": 4}}
+# A measured lens is learned through the samples alone: without occlusion, blur narrows it.
+_AFTER = {"samples": {"lens_rings_from": 0.8, "lens_frozen_until": 0.8, "depth_every": 4}}
 
 
 def questions(options: GaussianOptions) -> tuple[str, ...]:
