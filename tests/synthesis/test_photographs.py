@@ -6,6 +6,7 @@ import json
 import math
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from dofbench.cli import app
 from dofbench.core.errors import InputError
 from dofbench.core.images import read_image, write_png
 from dofbench.core.progress import Silent
+from dofbench.datasets.format.schema import SourceRecord
 from dofbench.datasets.synthesis import Dataset, check_dataset, make_dataset, real_photographs
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.evaluation.scoring.ground_truth import NO_EXACT_DEPTH, missing_truth
@@ -416,3 +418,31 @@ def test_blown_out_photographs_are_shrunk_by_a_factor_that_is_not_whole(blurred:
         call = ["make-dataset", str(root), "--photographs", "shallow", "--width", width, "--out", str(tmp_path / width)]
         assert app.main(call) == app.DONE, capsys.readouterr().err
         assert read_image(tmp_path / width / "images/v01.png").max() == 1
+
+
+def test_coverage_trains_on_every_second_test_photograph(blurred: Path, scene: Path, tmp_path: Path) -> None:
+    whole = make(blurred, tmp_path / "whole", layout="colmap", photographs="shallow", hold=2)
+    half = make(blurred, tmp_path / "half", layout="colmap", photographs="shallow", hold=2, coverage=True)
+    tested = [[view.name for view in Dataset.load(folder).test_views()] for folder in (whole, half)]
+    assert tested == [["v00", "v02", "v04"], ["v00", "v04"]]
+    assert "--coverage" in Dataset.load(half).manifest.command and check_dataset(half) == []
+    assert "coverage" not in Dataset.load(whole).manifest.settings, "older recipes stay as they are"
+    with pytest.raises(InputError, match="photographs of unknown lens alone"):
+        make(blurred, tmp_path / "sharp", coverage=True)
+    with pytest.raises(InputError, match="fewer than two test views"):
+        make(blurred, tmp_path / "one", layout="colmap", photographs="shallow", hold=6, coverage=True)
+
+
+def test_photographs_at_their_own_size_are_known_from_smaller_ones(blurred: Path, made: Path, tmp_path: Path) -> None:
+    width = Dataset.load(made).views[0].camera.width
+    small = Dataset.load(make(blurred, tmp_path / "small", width=width // 2))
+    assert Dataset.load(made).full_size and not small.full_size
+    assert small.manifest.source.own_side == Dataset.load(made).manifest.source.own_side == width
+    older = replace(small, manifest=small.manifest.model_copy(update={"source": _without_size(small)}))
+    assert older.full_size is None, "a width was chosen, of a size that isn't stated"
+    settings = {**small.manifest.settings, "width": None}
+    assert replace(older, manifest=older.manifest.model_copy(update={"settings": settings})).full_size
+
+
+def _without_size(dataset: Dataset) -> SourceRecord:
+    return dataset.manifest.source.model_copy(update={"own_side": None})

@@ -141,7 +141,7 @@ def test_every_option_says_what_it_is_about():
 def test_the_recipe_keeps_what_decides_the_content_in_the_order_of_the_options():
     names = [at.name for at in fields(DatasetOptions)]
     places = ("data_root", "out", "reuse")
-    chosen = ("points", "photographs", "train_f_number", "test_f_number", "test_points")
+    chosen = ("points", "photographs", "train_f_number", "test_f_number", "test_points", "coverage")
     left_out = {*places, *chosen, "alpha_channel", "skip_missing", "spacing"}
     assert list(MakeDataset().recipe()) == [name for name in names if name not in left_out]
     asked = MakeDataset(
@@ -151,6 +151,7 @@ def test_the_recipe_keeps_what_decides_the_content_in_the_order_of_the_options()
         train_f_number=2.0,
         test_f_number=8.0,
         skip_missing=True,
+        coverage=True,
         out=Path("there"),
     )
     assert list(asked.recipe()) == [name for name in names if name not in (*places, "spacing")]

@@ -110,6 +110,10 @@ class BenchmarkDataset(Protocol):
     def disparity_range(self) -> DisparityRange | None:
         """The disparity range that a view's `lens` refers to; None if neither a lens nor any depth is known."""
 
+    @property
+    def full_size(self) -> bool | None:
+        """Whether photographs of unknown lens have their own size, as they were taken; None where that isn't stated."""
+
     def training_views(self) -> tuple[BenchmarkView, ...]:
         """The views to train on, by name."""
 

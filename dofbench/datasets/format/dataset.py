@@ -37,6 +37,7 @@ from dofbench.scenes.readers import nerfstudio
 from dofbench.scenes.scene import Split
 from dofbench.scenes.visibility import unmasked_points
 
+_FULL_SIZE = 0.95  # of the longer side: undistortion may crop a border
 _MODELS = ("sparse", "colmap")  # folders in which a COLMAP model is looked for
 
 
@@ -197,6 +198,15 @@ class Dataset:
     def disparity_range(self) -> DisparityRange | None:
         """The disparity range that apertures and foci refer to; None if neither a lens nor any depth is known."""
         return self.lenses.range()
+
+    @property
+    def full_size(self) -> bool | None:
+        """Whether the photographs have their own size, but for a border cropped after undistortion; None where the
+        manifest doesn't state that size and a width was chosen."""
+        own, camera = self.manifest.source.own_side, self.views[0].camera
+        if own is None:
+            return True if self.manifest.settings.get("width", 0) is None else None
+        return max(camera.width, camera.height) >= _FULL_SIZE * own
 
     @property
     def blur(self) -> Blur | None:

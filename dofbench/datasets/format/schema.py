@@ -241,8 +241,9 @@ class SourceRecord(_Record):
 
     licence: the licence of the images, as their source states it; terms: details of the licence. citation: one
     reference per entry. origin: where the images come from. role: what the scene may be used for, absent where no named
-    dataset states it; role_by: ID/SCENE, or ID, of the named dataset that does. notes: what was chosen, changed or
-    skipped while the scene was read; absent where nothing was.
+    dataset states it; role_by: ID/SCENE, or ID, of the named dataset that does. own_side: longer side of the first
+    view's photograph as it was taken, pixels; absent unless photographs are of unknown lens, and from older datasets.
+    notes: what was chosen, changed or skipped while the scene was read; absent where nothing was.
     """
 
     scene: str
@@ -255,6 +256,7 @@ class SourceRecord(_Record):
     origin: str = ""
     role: Role | None = None
     role_by: str | None = None
+    own_side: PositiveInt | None = None
     notes: tuple[str, ...] | None = None
 
 

@@ -86,6 +86,10 @@ def read_scene(found: ResolvedScene, settings: MakeDataset) -> tuple[Scene, Make
         )
     if settings.photographs != "auto":
         scene = scene.taken_as(train="shallow", test="shallow" if settings.photographs == "shallow" else "all-in-focus")
+    if settings.coverage:
+        if any(view.photograph != "shallow" for view in scene.views):
+            raise InputError("--coverage", f"all-in-focus images in {scene.name}", "photographs of unknown lens alone")
+        scene = scene.with_half_trained()
     return scene, replace(settings, scene=found.label, **found.reading(**asked))
 
 

@@ -188,6 +188,10 @@ class DatasetOptions:
     """With --test-f-number: exclude test photographs that share fewer sparse points with the training photographs,
     because surfaces that no training photograph saw tell nothing about the aperture."""
 
+    coverage: bool = _option(False, "scene", kept_with="coverage")
+    """Of photographs of unknown lens: train on every second test photograph as well. Next to the dataset without this,
+    the scores of the other half say what more coverage gains."""
+
     reuse: Path | None = _option(None, "place")
     """A finished dataset that differs in --points alone: its images and depth are copied instead of made again."""
 

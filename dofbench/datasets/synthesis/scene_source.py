@@ -10,7 +10,7 @@ import numpy as np
 from dofbench.core.cameras import NO_OFFSET
 from dofbench.core.errors import InputError
 from dofbench.core.files import canonical_json, sha256_file, sha256_text
-from dofbench.core.images import to_8bit
+from dofbench.core.images import image_size, to_8bit
 from dofbench.datasets.format.schema import SourceImage, SourceRecord
 from dofbench.scenes.named import ResolvedScene
 from dofbench.scenes.scene import Scene, SceneView
@@ -59,6 +59,7 @@ def source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> Sourc
         origin=found.origin,
         role=found.role,
         role_by=found.role_by or None,
+        own_side=max(image_size(scene.views[0].source)) if scene.photographs == "shallow" else None,
         notes=scene.notes or None,
     )
 
