@@ -93,6 +93,7 @@ def test_one_aperture_predicts_the_photographs_of_another(
     expected = pytest.approx(median / 4, rel=ROUGH_APERTURE)
     assert all(half.aperture in (None, expected) for fit in lens.fits for half in fit.halves)
     assert {"across_psnr", "across_blurred_psnr", "unscaled_psnr", "in_focus_psnr"} <= lens.scores.keys()
+    assert {"photo_fit_psnr", "lens_energy", "lens_seen"} <= lens.scores.keys()
     # Of one f-number there is a spread, once training has moved most of the lenses, and no ratio.
     assert "half of them" in lens.left_out["exif_spread"] and "fewer than two" in lens.left_out["exif_ratio"]
     assert {"across_psnr", "in_focus_blurred_psnr"} <= none.scores.keys() and "unscaled_psnr" in none.left_out

@@ -16,16 +16,7 @@ from dofbench.core.progress import say
 from dofbench.evaluation.comparing.pairwise import pairwise
 from dofbench.evaluation.figures import file_name
 from dofbench.evaluation.results.collecting import Entry, added_columns, board_names, collect, grouped, variant_names
-from dofbench.evaluation.results.columns import (
-    ALL_IN_FOCUS,
-    DEPTH,
-    FILE_SCORES,
-    IDENTITY,
-    LENS,
-    PHOTOGRAPH,
-    REFOCUS,
-    STANDING,
-)
+from dofbench.evaluation.results.columns import FILE_SCORES, IDENTITY, PER_VIEW, STANDING
 from dofbench.reporting.ablation import read_documents
 from dofbench.reporting.boards import frozen_state, gather, role_of
 from dofbench.reporting.curves import board_plots, mean_plots
@@ -48,15 +39,6 @@ REACH_COLUMNS = """method preset dataset scene protocol seed score level reached
     role clock""".split()
 FRONT_COLUMNS = "dataset protocol score train_s value method preset role clock".split()
 TIMES_COLUMNS = "method preset dataset scene protocol seed within stage wall_s cpu_s role".split()
-_VIEW_COLUMNS = (
-    *"method preset dataset scene protocol seed view split".split(),
-    *REFOCUS,
-    *ALL_IN_FOCUS,
-    *"aperture aperture_estimated focus focus_estimated".split(),
-    *LENS,
-    *DEPTH,
-    *PHOTOGRAPH,
-)
 
 
 @dataclass(frozen=True)
@@ -176,7 +158,7 @@ def run_rows(entries: Sequence[Entry]) -> Iterator[Row]:
 
 def view_columns(entries: Sequence[Entry]) -> tuple[str, ...]:
     """The columns of `view_rows`."""
-    return (*_VIEW_COLUMNS, *added_columns(entries), "role")
+    return (*PER_VIEW, *added_columns(entries), "role")
 
 
 def view_rows(entries: Sequence[Entry]) -> Iterator[Row]:

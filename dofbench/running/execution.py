@@ -119,6 +119,8 @@ def show_result(console: Console, plan: Plan, result: Result) -> None:
     console.print(table)
     if result.role is not None:
         say(console, ROLE_SAYS[result.role])
+    if result.no_ranking:
+        say(console, f"this dataset can't rank lenses: {result.no_ranking}")
     reasons: dict[str, list[str]] = {}
     for column, reason in result.left_out.items():
         reasons.setdefault(reason, []).append(column)
@@ -418,6 +420,7 @@ class Execution:
             model=self._model(),
             nonfinite=[Event(**asdict(event)) for event in events],
             predictions=found.predictions,
+            no_ranking=found.no_ranking,
             git=Git.model_validate(commit) if (commit := provenance.git_state()) else None,
             machine=provenance.machine(self.spec.device),
             packages=provenance.package_versions(),

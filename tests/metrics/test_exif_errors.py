@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT64_VALUE
 
-from dofbench.evaluation.metrics.exif_errors import exif_errors
+from dofbench.evaluation.metrics.exif_errors import ExifIntervals, exif_errors, exif_intervals
 
 
 def test_by_hand() -> None:
@@ -73,3 +73,31 @@ def test_what_says_nothing_is_left_out_with_the_reason(estimates, spread: str, r
     assert (found.spread is None) is bool(spread) and spread in found.no_spread
     assert (found.ratio is None) is bool(ratio) and ratio in found.no_ratio
     assert (found.deviation is None) is (found.spread is None)
+
+
+def drawn(seed: int, views: int, sigma: float = 0.1) -> list[tuple[float, float]]:
+    """Apertures of a lens whose aperture x f-number is 10, off at random, of two f-numbers in turn."""
+    random = np.random.default_rng(seed)
+    numbers = [(2.8, 5.6)[index % 2] for index in range(views)]
+    return [(10 / number * random.normal(1, sigma), number) for number in numbers]
+
+
+def test_intervals_hold_the_scores_and_narrow_with_more_views() -> None:
+    few, many = (exif_intervals(drawn(3, views)) for views in (12, 192))
+    found = exif_errors(drawn(3, 192))
+    assert many.spread[0] < found.spread < many.spread[1]
+    for name in ("spread", "product"):
+        widths = [np.ptp(getattr(one, name)) for one in (few, many)]
+        assert widths[1] < widths[0] / 2, "a sixteenth of the views: about a quarter"
+    assert exif_intervals(drawn(3, 12)) == few, "by a fixed seed"
+
+
+def test_the_interval_of_the_product_holds_the_truth_as_often_as_it_says() -> None:
+    held = [low <= 10 <= high for seed in range(60) for low, high in [exif_intervals(drawn(seed, 24)).product]]
+    assert np.mean(held) > 0.85
+
+
+def test_what_has_no_score_has_no_interval() -> None:
+    assert exif_intervals([]) == ExifIntervals(None, None, None)
+    one = exif_intervals([(1.0, 5.0), (1.2, 5.0), (1.3, 5.0)])
+    assert one.spread is not None and one.ratio is None and one.product[0] >= 5

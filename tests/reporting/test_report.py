@@ -31,7 +31,7 @@ HEADER = (
     "across_blurred_psnr,across_clear_psnr,unscaled_psnr,unscaled_blurred_psnr,in_focus_psnr,in_focus_blurred_psnr,"
     "exif_spread,exif_ratio,resolved,ssim_uniform7,aif_ssim_uniform7,exif_focus,exif_focus_scatter,"
     "photo_sharp_psnr,photo_sharp_ssim,photo_no_lens,photo_at_bound,photo_covered,"
-    "photo_blur,photo_blur_bias,photo_sharp_blur,role,photographer,frozen"
+    "photo_blur,photo_blur_bias,photo_sharp_blur,photo_fit_psnr,lens_energy,lens_seen,role,photographer,frozen"
 )
 
 

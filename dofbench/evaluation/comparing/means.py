@@ -9,7 +9,15 @@ from dataclasses import dataclass
 
 from dofbench.core.errors import Status
 from dofbench.evaluation.results.collecting import Entry
-from dofbench.evaluation.results.columns import ALL_IN_FOCUS, EXIF, PHOTOGRAPH, REFOCUS, SCORES, WEIGHTED
+from dofbench.evaluation.results.columns import (
+    ALL_IN_FOCUS,
+    EXIF,
+    OF_PHOTOGRAPH_RUNS,
+    PHOTOGRAPH,
+    REFOCUS,
+    SCORES,
+    WEIGHTED,
+)
 from dofbench.evaluation.results.protocol import (
     BLUR_COLUMNS,
     DEPTH_COLUMNS,
@@ -57,7 +65,7 @@ def _no_reason(entry: Entry, column: str) -> str:
     protocol = PROTOCOLS.get(entry.spec.protocol)
     if protocol is not None and column in DEPTH_COLUMNS and not protocol.depth:
         return f"{protocol.id} has no such score"
-    if column in EXIF:
+    if column in (*EXIF, *OF_PHOTOGRAPH_RUNS):
         return ""
     if column in SCORES:
         of_images = column in (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH)

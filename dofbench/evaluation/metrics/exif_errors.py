@@ -23,9 +23,11 @@ SMALLEST_GROUP = 3  # views of one f-number, for a meaningful spread or median
 SMALLEST_SET = 5  # views, for a meaningful correlation or scatter about a line
 SMALLEST_STEPS = 3  # different distances: two are always on a line
 TIED = 1e-5  # relative: values that differ by less are one shared value, rounded to float32
+RESAMPLINGS, _SEED = 1000, 0  # of the bootstrap
 _TO_DEVIATION = 1.4826  # from the median absolute deviation to the standard deviation of a normal distribution
 
 Estimate = tuple[float, float]  # learned aperture, f-number
+Interval = tuple[float, float]
 FocusEstimate = tuple[float, float]  # learned focus, 1 / scene unit; focus distance, m, inf for infinity
 
 
@@ -78,6 +80,48 @@ def exif_errors(estimates: Sequence[Estimate]) -> ExifErrors:
     else:
         ratio = 100 * (max(medians.values()) / min(medians.values()) - 1)
     return ExifErrors(spread, ratio, deviation, no_spread, no_ratio)
+
+
+@dataclass(frozen=True)
+class ExifIntervals:
+    """95 % intervals: of spread and ratio, per cent, as `ExifErrors`, and of the median of aperture x f-number over all
+    views; None where there is no such score, or no view."""
+
+    spread: Interval | None
+    ratio: Interval | None
+    product: Interval | None
+
+
+def exif_intervals(estimates: Sequence[Estimate]) -> ExifIntervals:
+    """How far the scores of `exif_errors` are certain: percentile bootstrap over the views of each f-number, 1 000
+    resamplings by a fixed seed. The views of one training share its errors, which no resampling shows."""
+    whole = exif_errors(estimates)
+    groups: dict[float, list[float]] = {}
+    for aperture, f_number in estimates:
+        groups.setdefault(f_number, []).append(aperture * f_number)
+    if not groups:
+        return ExifIntervals(None, None, None)
+    random = np.random.default_rng(_SEED)
+    drawn = {
+        number: np.array(own)[random.integers(len(own), size=(RESAMPLINGS, len(own)))] for number, own in groups.items()
+    }
+    large = [products for products in drawn.values() if products.shape[1] >= SMALLEST_GROUP]
+    medians = [np.median(products, axis=1) for products in large]
+    spread = ratio = None
+    if whole.spread is not None:
+        robust = [
+            _TO_DEVIATION * np.median(np.abs(products - middle[:, None]), axis=1) / middle
+            for products, middle in zip(large, medians, strict=True)
+        ]
+        spread = _interval(100 * np.average(robust, axis=0, weights=[products.shape[1] for products in large]))
+    if whole.ratio is not None:
+        ratio = _interval(100 * (np.max(medians, axis=0) / np.min(medians, axis=0) - 1))
+    return ExifIntervals(spread, ratio, _interval(np.median(np.concatenate(list(drawn.values()), axis=1), axis=1)))
+
+
+def _interval(values: np.ndarray) -> Interval:
+    low, high = np.quantile(values, (0.025, 0.975))
+    return float(low), float(high)
 
 
 def _robust(values: Sequence[float]) -> float:

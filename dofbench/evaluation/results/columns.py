@@ -12,8 +12,10 @@ from dofbench.evaluation.results.protocol import (
     ACROSS_PREFIX,
     AIF_PREFIX,
     BLUR_COLUMNS,
+    EVIDENCE_COLUMNS,
     EXIF_COLUMNS,
     EXIF_FOCUS_COLUMNS,
+    FIT_CEILING,
     PHOTO_PREFIX,
     PHOTOGRAPH_COLUMNS,
     kind_prefix,
@@ -31,15 +33,22 @@ _PHOTOGRAPHS_2 = (
     *("photo_sharp_psnr", "photo_sharp_ssim", "photo_no_lens", "photo_at_bound", "photo_covered"),
     *BLUR_COLUMNS,
 )
+OF_PHOTOGRAPH_RUNS = (FIT_CEILING, *EVIDENCE_COLUMNS)
 EXIF = (*EXIF_COLUMNS, *EXIF_FOCUS_COLUMNS)
 COST = ("train_s", "train_cpu_s", "cold_start_s", "steps", "render_fps", "peak_mb", "gaussians", "resolved")
-SCORES = (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH, *LENS, *EXIF, *DEPTH, *COST)
+SCORES = (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH, *OF_PHOTOGRAPH_RUNS, *LENS, *EXIF, *DEPTH, *COST)
 # Columns added later, which come last in files
 _NEW_IN_FILES = (
     *(*DEPTH, "train_cpu_s", "cold_start_s", *(one for one in PHOTOGRAPH if one not in _PHOTOGRAPHS_2), *EXIF_COLUMNS),
     *("resolved", "ssim_uniform7", "aif_ssim_uniform7", *EXIF_FOCUS_COLUMNS, *_PHOTOGRAPHS_2),
+    *OF_PHOTOGRAPH_RUNS,
 )
 FILE_SCORES = (*(column for column in SCORES if column not in _NEW_IN_FILES), *_NEW_IN_FILES)
+# Columns of the files with a row for every view
+PER_VIEW = (
+    *(*"method preset dataset scene protocol seed view split".split(), *REFOCUS, *ALL_IN_FOCUS),
+    *(*"aperture aperture_estimated focus focus_estimated".split(), *LENS, *DEPTH, *PHOTOGRAPH),
+)
 
 
 @dataclass(frozen=True)

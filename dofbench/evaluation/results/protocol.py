@@ -32,6 +32,9 @@ _ACROSS_COLUMNS_1 = (
     *("unscaled_psnr", "unscaled_blurred_psnr", "in_focus_psnr", "in_focus_blurred_psnr"),
 )
 ACROSS_COLUMNS = (*_ACROSS_COLUMNS_1, *_FIT_COLUMNS)
+# Of one run on photographs: PSNR of training photographs; the shares of `scoring/photographs/lens_evidence.py`.
+FIT_CEILING = "photo_fit_psnr"
+EVIDENCE_COLUMNS = ("lens_energy", "lens_seen")
 EXIF_COLUMNS = ("exif_spread", "exif_ratio")
 EXIF_FOCUS_COLUMNS = ("exif_focus", "exif_focus_scatter")
 # Scores for comparison with the learned lens; a method without a lens has none of these.

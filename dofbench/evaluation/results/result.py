@@ -238,7 +238,9 @@ class Result(Stored):
     the result's folder, "" before version 6. role, role_by, photographer: of the dataset (`dofbench.core.evidence`);
     None, "", None if not stated and before version 4. choices: digest of preset and options
     (`dofbench.methods.frozen_presets`), None before version 4. git: None outside a checkout. digest: of result.json's
-    text (`dofbench.core.digests`); None before version 6 and before it is written.
+    text (`dofbench.core.digests`); None before version 6 and before it is written. no_ranking: why the dataset can't
+    rank lenses, by this run's lenses and depth (`evaluation/scoring/photographs/lens_evidence.py`); "" if it can, or if
+    that wasn't measured.
     """
 
     schema_version: int
@@ -280,6 +282,7 @@ class Result(Stored):
     machine: dict[str, str | int | float]
     packages: dict[str, str]
     digest: str | None = None
+    no_ranking: str = ""
 
     @field_validator("plan", "machine")
     @classmethod

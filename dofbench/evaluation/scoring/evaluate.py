@@ -29,8 +29,10 @@ from dofbench.evaluation.results.protocol import (
     AIF_PREFIX,
     BLUR_COLUMNS,
     DEPTH_COLUMNS,
+    EVIDENCE_COLUMNS,
     EXIF_COLUMNS,
     EXIF_FOCUS_COLUMNS,
+    FIT_CEILING,
     LENS_COLUMNS,
     OF_LENSES,
     PHOTO_PREFIX,
@@ -48,8 +50,11 @@ from dofbench.evaluation.scoring.photograph_scores import (
     NO_TEXTURE,
     Scored,
     ScoredPixels,
+    fit_ceiling,
+    fit_views,
     scored_photographs,
 )
+from dofbench.evaluation.scoring.photographs.lens_evidence import Seen, cannot_rank, energy_share, seen_share
 from dofbench.evaluation.scoring.resolved import (
     RESOLVED_COLUMN,
     ResolvedCircles,
@@ -78,7 +83,8 @@ WHOLE: tuple[Kind, ...] = ("refocus", "all_in_focus")
 
 @dataclass(eq=False)
 class Evaluation:
-    """The final scores: means by column, per-view values, fits, and sha256 of files by name."""
+    """The final scores: means by column, per-view values, fits, and sha256 of files by name. no_ranking: as in
+    `Result`."""
 
     scores: dict[str, float] = field(default_factory=dict)
     views: list[ViewScores] = field(default_factory=list)
@@ -89,6 +95,7 @@ class Evaluation:
     predictions: dict[str, str] = field(default_factory=dict)
     nonfinite: list[NonFinite] = field(default_factory=list)
     left_out: dict[str, str] = field(default_factory=dict)
+    no_ranking: str = ""
 
 
 class Evaluator:
@@ -151,8 +158,10 @@ class Evaluator:
         kinds = self._possible_kinds()
         of_depth = any(column in self._columns for column in DEPTH_COLUMNS)
         # Photographs are a separate stage, because they take much longer than other images.
+        energy: float | None = None
         if self._photographs():
-            self._score_photographs(folder, rows, found, _Counted(progress, "predict photographs", len(self._test)))
+            counted = _Counted(progress, "predict photographs", len(self._test))
+            energy = self._score_photographs(folder, rows, found, counted)
         pictures = _Counted(progress, "score", (len(kinds) + of_depth + self._resolvable()) * len(self._test))
         if self._refused is not None:
             reason = f"the method refused to refocus: {self._refused}"
@@ -171,9 +180,11 @@ class Evaluator:
         if of_depth:
             for view in pictures.each(self._test):
                 rows[view.name] |= self._depth_errors(view, found)
-        self._resolved(folder, rows, found, pictures)
+        circles = self._resolved(folder, rows, found, pictures)
         found.views = [ViewScores(name=name, scores=scores) for name, scores in rows.items()]
         found.scores = _means(list(rows.values()))
+        if self._photographs():
+            self._bounds(found, energy, circles, progress)
         self._score_by_exif(found)
         errors, found.lens = self._lens_errors()
         found.scores |= errors
@@ -185,7 +196,7 @@ class Evaluator:
         """Announce all views to a method that renders them together."""
         if not isinstance(self._method, RendersAhead):
             return
-        sharp = [*self._test, *(self._train if self._resolvable() else ())]
+        sharp = [*self._test, *(self._train if self._resolvable() or self._photographs() else ())]
         views: list[tuple[Camera, PhysicalLens | None]] = [(view.camera, None) for view in sharp]
         if self._metrics("refocus"):
             views += [(view.camera, view.physical_lens) for view in self._test]
@@ -195,13 +206,15 @@ class Evaluator:
         """Whether resolved surfaces can be computed."""
         return bool(self._test) and RESOLVED_COLUMN not in self._left_out and self._method.lens_estimates() is not None
 
-    def _resolved(self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation, pictures: _Counted) -> None:
-        """Score and map the share of each test view that the training views resolve."""
+    def _resolved(
+        self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation, pictures: _Counted
+    ) -> ResolvedCircles | None:
+        """Score and map the share of each test view that the training views resolve; returns their circles, if any."""
         lenses = self._method.lens_estimates()
         if lenses is None or not self._resolvable():
             reason = "no test views" if not self._test else "the method has no learned lenses"
             found.left_out[RESOLVED_COLUMN] = self._left_out.get(RESOLVED_COLUMN, reason)
-            return
+            return None
         photographs = photographs_of({view.name: view.camera for view in self._train}, lenses)
         circles = ResolvedCircles(self._method, photographs)
         for view in pictures.each(self._test):
@@ -212,6 +225,25 @@ class Evaluator:
             relative = f"predictions/resolved/{view.name}.png"
             write_png(folder / relative, resolved_map(smallest))
             found.predictions[relative] = sha256_file(folder / relative)
+        return circles
+
+    def _bounds(
+        self, found: Evaluation, energy: float | None, circles: ResolvedCircles | None, progress: Update
+    ) -> None:
+        """The fit ceiling, and whether the dataset can rank lenses. energy: its share, None where no lens was tried."""
+        views = fit_views(self._dataset)
+        counted = _Counted(progress, "predict training photographs", len(views))
+        ceiling = fit_ceiling(self._method, self._dataset, counted.each(views), no_lens=self._no_lens())
+        if ceiling is not None:
+            found.scores[FIT_CEILING] = ceiling
+        if energy is None or circles is None:
+            found.left_out |= dict.fromkeys(EVIDENCE_COLUMNS, "no learned lens and depth to draw blur with")
+            return
+        lenses = self._method.lens_estimates() or {}
+        masks = [self._mask(view) for view in self._train if view.name in lenses]
+        seen = seen_share([Seen(*one, mask) for one, mask in zip(circles.seen, masks, strict=True)])
+        found.scores |= dict(zip(EVIDENCE_COLUMNS, (energy, seen), strict=True))
+        found.no_ranking = cannot_rank(energy, seen)
 
     def _score_by_exif(self, found: Evaluation) -> None:
         for columns in (EXIF_COLUMNS, EXIF_FOCUS_COLUMNS):
@@ -270,21 +302,27 @@ class Evaluator:
         return "across" if self._protocol.photograph == ACROSS_COLUMNS else "photograph"
 
     def _scored_photographs(self, quick: bool) -> Iterator[Scored]:
-        no_lens = next((reason for column in OF_LENSES if (reason := self._left_out.get(column))), "")
+        method, columns = self._method, self._protocol.photograph
         return scored_photographs(
-            self._method, self._dataset, self._protocol.photograph, no_lens=no_lens, quick=quick, pixels=self._pixels
+            method, self._dataset, columns, no_lens=self._no_lens(), quick=quick, pixels=self._pixels
         )
+
+    def _no_lens(self) -> str:
+        """Why test views are predicted without a lens, as far as the plan knows."""
+        return next((reason for column in OF_LENSES if (reason := self._left_out.get(column))), "")
 
     def _score_photographs(
         self, folder: Path, rows: dict[str, dict[str, float]], found: Evaluation, pictures: _Counted
-    ) -> None:
-        """Predict and score the test views that are real photographs of unknown lens."""
-        kind, refused = self._photograph_kind(), ""
+    ) -> float | None:
+        """Predict and score the test views that are real photographs of unknown lens; returns the share of the error
+        energy that blur can explain, %, None where no lens was tried."""
+        kind, refused, energies = self._photograph_kind(), "", list[tuple[float, float]]()
         for scored in pictures.each(self._scored_photographs(quick=False)):
             view, prediction = scored.view, scored.prediction
             rows[view.name] |= scored.scores
             found.fits.append(scored.fit)
             refused = refused or prediction.refused
+            energies += [] if scored.energies is None else [scored.energies]
             if prediction.bad:
                 detail = f"{prediction.bad} of {scored.photograph.size} values of the prediction"
                 found.nonfinite.append(NonFinite(step=0, view=view.name, stage="render photograph", detail=detail))
@@ -298,6 +336,7 @@ class Evaluator:
                 found.left_out[column] = f"{WITHOUT_LENS}: {refused}" if refused and column in OF_LENSES else reason
                 for scores in rows.values():
                     scores.pop(column, None)
+        return energy_share(energies) if len(energies) == len(rows) else None
 
     def _metrics(self, kind: Kind) -> list[str]:
         metrics = self._protocol.refocus if kind == "refocus" else self._protocol.all_in_focus

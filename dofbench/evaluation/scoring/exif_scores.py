@@ -18,7 +18,10 @@ def asked_by_exif(dataset: BenchmarkDataset, inputs: str) -> bool:
 
 
 def missing_exif(dataset: BenchmarkDataset) -> str:
-    """Why learned apertures can't be compared with EXIF, one line; "" if they can."""
+    """Why learned apertures can't be compared with EXIF, one line; "" if they can.
+
+    Of photographs smaller than their own size they aren't: blur of less than a pixel tells no apertures apart.
+    """
     known = [
         view.exif
         for view in dataset.views
@@ -33,7 +36,9 @@ def missing_exif(dataset: BenchmarkDataset) -> str:
     ):
         if len(values - {None}) > 1:
             return f"the training views have more than one {name}"
-    return ""
+    if dataset.full_size is None:
+        return "the dataset doesn't state whether its photographs have their own size: make it again"
+    return "" if dataset.full_size else "the photographs are smaller than their own size"
 
 
 def learned_apertures(dataset: BenchmarkDataset, estimated: Mapping[str, PhysicalLens]) -> list[ViewAperture]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from dofbench.core.contracts import Method
 from dofbench.core.images import from_8bit, to_8bit
+from dofbench.core.lens import PhysicalLens
 from dofbench.core.masks import filled
 from dofbench.datasets.format.benchmark_dataset import BenchmarkDataset, BenchmarkView
 from dofbench.evaluation.results.protocol import (
@@ -25,11 +26,13 @@ from dofbench.evaluation.scoring.photographs.band_energies import band_ratios
 from dofbench.evaluation.scoring.photographs.coverage import Frame, covered
 from dofbench.evaluation.scoring.photographs.image_tiles import Tiles, masked_psnr, tiled_ssim
 from dofbench.evaluation.scoring.photographs.learned_aperture import learned_aperture
-from dofbench.evaluation.scoring.photographs.predict import Prediction, predict
+from dofbench.evaluation.scoring.photographs.lens_evidence import energies
+from dofbench.evaluation.scoring.photographs.predict import Prediction, predict, recoloured_by
 from dofbench.evaluation.scoring.photographs.search import QUICK, THOROUGH
 from dofbench.evaluation.scoring.photographs.strata import sharpness_ratio, thirds
 
 CURVE_VIEWS = 4  # evenly spaced test views that are predicted during training; a search takes seconds
+FIT_VIEWS = 8  # at most so many evenly spaced training views are predicted as test views are: the fit ceiling
 BLURRED, CLEAR = 0, 2  # indices of the thirds of a view (`strata.thirds`)
 NO_STRATA = "too few sparse points in views of both apertures to measure their blur"
 NO_TEXTURE = "the scored tiles of a test view have no texture"
@@ -38,12 +41,14 @@ NO_COVERAGE = "too few sparse points in a test view to know what the training vi
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """One scored test view. scores: by column, as far as they can be computed."""
+    """One scored test view. scores: by column, as far as they can be computed. energies: of blur and error
+    (`lens_evidence.energies`); None where no lens was tried."""
 
     view: BenchmarkView
     photograph: np.ndarray
     prediction: Prediction
     scores: dict[str, float]
+    energies: tuple[float, float] | None = None
 
     @property
     def fit(self) -> ViewFit:
@@ -121,17 +126,64 @@ def scored_photographs(
     for view in views:
         photograph, (mask, share) = true_photograph(dataset, view), pixels.of(view)
         found = predicted(view.camera, photograph, learned_aperture(learned, training, view), mask=mask)
+        lensed = found.picture
         if across:
             unscaled = None
             if not (quick or found.refused):
                 aperture = learned_aperture(learned, training, view, by_exif=False)
                 unscaled = predicted(view.camera, photograph, aperture, mask=mask).picture
+                lensed = _as_trained(method, view, aperture, foci, photograph, found)
             scores = _across_scores(found, unscaled, photograph, strata.get(view.name), quick=quick)
         else:
             scores = prediction_scores(found, photograph) | ({} if quick else prediction_blur(found, photograph))
         if not found.refused:
             scores |= _lens_shares(found)
-        yield Scored(view, photograph, found, scores | ({} if share is None else {"photo_covered": share}))
+        both = None
+        if not (quick or found.refused or lensed is None or found.sharp is None):
+            both = energies(lensed, found.sharp, photograph, found.tiles.scored)
+        yield Scored(view, photograph, found, scores | ({} if share is None else {"photo_covered": share}), both)
+
+
+def fit_views(dataset: BenchmarkDataset) -> list[BenchmarkView]:
+    """Up to `FIT_VIEWS` evenly spaced training views, for `fit_ceiling`."""
+    training = dataset.training_views()
+    chosen = np.linspace(0, len(training) - 1, min(len(training), FIT_VIEWS)).round().astype(int)
+    return [training[index] for index in chosen]
+
+
+def fit_ceiling(
+    method: Method, dataset: BenchmarkDataset, views: Iterable[BenchmarkView], *, no_lens: str
+) -> float | None:
+    """Mean PSNR of training photographs, at least one, predicted by the rules for test photographs, dB: what the model
+    fits of what it has seen. None for a non-finite rendering. no_lens: as `scored_photographs`."""
+    training, learned = dataset.training_views(), method.lens_estimates()
+    foci = [lens.focus_disparity for lens in (learned or {}).values()]
+    psnr = []
+    for view in views:
+        photograph, aperture = true_photograph(dataset, view), learned_aperture(learned, training, view)
+        mask = dataset.mask(view)
+        found = predict(method, view.camera, photograph, aperture, THOROUGH, foci=foci, no_lens=no_lens, mask=mask)
+        if found.picture is None:
+            return None
+        psnr.append(masked_psnr(found.picture, photograph, found.tiles.scored))
+    return float(np.mean(psnr))
+
+
+def _as_trained(
+    method: Method,
+    view: BenchmarkView,
+    aperture: float | None,
+    foci: Sequence[float],
+    photograph: np.ndarray,
+    found: Prediction,
+) -> np.ndarray | None:
+    """The view as the training views are blurred: by the aperture and the median of the foci, colours fitted; None for
+    a non-finite rendering."""
+    if aperture is None or found.sharp is None:
+        return None
+    lens = PhysicalLens(aperture, float(np.median(foci)), view.camera.width)
+    image = method.render(view.camera, lens).image
+    return recoloured_by(image, photograph, found.tiles) if np.isfinite(image).all() else None
 
 
 def true_photograph(dataset: BenchmarkDataset, view: BenchmarkView) -> np.ndarray:

@@ -25,11 +25,11 @@ COLOURS = "viridis"
 
 class ResolvedCircles:
     """CoC radii in the training views of the surfaces seen by a camera. photographs: camera and learned lens of
-    each."""
+    each. seen: the same with the rendered depth, (H, W)."""
 
     def __init__(self, method: Method, photographs: Sequence[tuple[Camera, PhysicalLens]]):
         self._method = method
-        self._seen = [(camera, lens, np.asarray(method.render(camera, None).depth)) for camera, lens in photographs]
+        self.seen = [(camera, lens, np.asarray(method.render(camera, None).depth)) for camera, lens in photographs]
 
     def smallest(self, camera: Camera) -> np.ndarray:
         """(H, W), px of the training views: the smallest CoC radius of the pixel's surface in any of them; infinite if
@@ -41,7 +41,7 @@ class ResolvedCircles:
         local = np.stack([x * z, y[:, None] * z, z, np.ones_like(z)], axis=-1)
         world = (local.reshape(-1, 4) @ camera.camera_to_world.T)[:, :3]
         smallest = np.full(len(world), math.inf)
-        for other, lens, surface in self._seen:
+        for other, lens, surface in self.seen:
             xy, distance = other.project(world)
             inside = other.inside(xy)
             column, row = np.where(inside[:, None], xy, 0).astype(np.int64).T
