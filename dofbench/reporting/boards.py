@@ -11,10 +11,11 @@ from typing import Any
 from dofbench.core.evidence import PHOTOGRAPHER_WORDS, PHOTOGRAPHERS, ROLE_WORDS, ROLES, Photographer, Role
 from dofbench.datasets.format.points_record import PointsRecord
 from dofbench.evaluation.comparing.means import Statistic, scene_mean, seed_mean
+from dofbench.evaluation.comparing.photograph_notes import undetermined
 from dofbench.evaluation.comparing.score_curves import uneven_clocks
 from dofbench.evaluation.results.collecting import Entry, added_columns, board_names, grouped, variant_names
 from dofbench.evaluation.results.columns import COLUMNS, HELD_OUT, SCORES, lens_words
-from dofbench.evaluation.results.protocol import PROTOCOLS
+from dofbench.evaluation.results.protocol import EXIF_COLUMNS, PROTOCOLS
 from dofbench.methods.cards import find_method, method_files
 from dofbench.methods.frozen_presets import State, state_of
 
@@ -134,6 +135,8 @@ def _board(key: tuple[str, ...], name: str, members: Sequence[Entry], names: Nam
     kind = ", ".join(filter(None, (scored, ROLE_WORDS[role], PHOTOGRAPHER_WORDS[photographer])))
     words, variants = lens_words(lenses) if lenses else "", grouped(list(members), "variant")
     lines = {one: variant_line(seeds, names[one], columns, signs_of(role, seeds)) for one, seeds in variants.items()}
+    for one, reason in undetermined(variants).items():
+        lines[one].cells.update(dict.fromkeys(EXIF_COLUMNS, Statistic(None, reason=reason)))
     scene = role, photographer, points, scored, kind, sharp, held_out, words
     return Board(key, name, members, *scene, variants, lines, _do_nothing(members, columns))
 

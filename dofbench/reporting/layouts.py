@@ -79,14 +79,15 @@ LAYOUTS = (
         "Photographs of unknown lens",
         "Held-out photographs, rendered with the learned aperture (methods without one: all in focus), focus and "
         "colours fitted on half of each, scored on the other half.",
-        "photo_psnr photo_ssim photo_blur photo_sharp_psnr photo_sharp_ssim photo_sharp_blur",
+        "photo_psnr photo_sharp_psnr photo_fit_psnr photo_ssim photo_sharp_ssim photo_blur photo_sharp_blur",
         "photo_psnr photo_ssim",
     ),
     _layout(
         "across",
         "Photographs of another aperture",
         "Rendered with the learned aperture times the ratio of the f-numbers, with it unchanged, and without any.",
-        "across_psnr across_ssim across_blurred_psnr unscaled_blurred_psnr in_focus_blurred_psnr",
+        "across_psnr in_focus_psnr photo_fit_psnr across_ssim "
+        "across_blurred_psnr unscaled_blurred_psnr in_focus_blurred_psnr",
         "across_psnr across_blurred_psnr",
     ),
     _layout(

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from dofbench.core.errors import Status
 from dofbench.datasets.format.points_record import points_in_words
 from dofbench.evaluation.comparing.paired import Side, compare
+from dofbench.evaluation.comparing.photograph_notes import no_ranking
 from dofbench.evaluation.results.collecting import Collection, Entry, grouped
 from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.methods.cards import find_method, method_files
@@ -175,7 +176,8 @@ def _board_words(board: Board) -> str:
     views = f"{plan['train_views']} training and {plan['test_views']} test views" if plan else "unknown views"
     lenses = f" of {board.lenses.removeprefix('trained on ')}" if board.lenses else ""
     trained = "all-in-focus images" if board.sharp else f"images with defocus{lenses}"
-    return f"{board.name} ({board.scene}): {views}; {board.kind}, trained on {trained}"
+    ranking = f". {said}" if (said := no_ranking(board.members)) else ""
+    return f"{board.name} ({board.scene}): {views}; {board.kind}, trained on {trained}{ranking}"
 
 
 def _time_words(entries: Sequence[Entry]) -> str:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from dofbench.evaluation.comparing.paired import EXPLANATION
 from dofbench.evaluation.comparing.pairwise import Pair, Variant, with_the_best
+from dofbench.evaluation.comparing.photograph_notes import photograph_notes
 from dofbench.evaluation.comparing.score_curves import Point
 from dofbench.evaluation.results.collecting import Collection, grouped, variant_names
 from dofbench.evaluation.scoring.error_maps import FULL_SCALE
@@ -85,7 +86,9 @@ def build_view(
     for board in boards:
         own = with_the_best(pairs[board.key], len(board.variants)) if board.key in several else pairs[board.key]
         timed = tuple(curve for curve in curves if curve.plot.board == board.key)
-        views.append(BoardView(sections.board_section(board, columns, names, own), timed, strips.get(board.key, "")))
+        section = sections.board_section(board, columns, names, own)
+        section = replace(section, text=(*section.text, *photograph_notes(board.variants, entries, names)))
+        views.append(BoardView(section, timed, strips.get(board.key, "")))
     runs, machines = sections.run_table(entries, boards)
     compared = any(one.title == HEADING for view in views for one in view.section.sections)
     tested, claims = Section(TESTED, (EXPLANATION,)) if compared else None, sections.claims_section(entries)

@@ -107,11 +107,12 @@ class Scene:
 
     def with_half_trained(self) -> Scene:
         """Make every second test view, from the second, a training view. Raises InputError for fewer than two."""
-        moved = {view.name for view in self.test_views()[1::2]}
+        test = self.test_views()
+        moved = {view.name for view in test[1::2]}
         if not moved:
             raise InputError(self.root, "fewer than two test views", "some to train on, and some to test")
         views = tuple(replace(view, split="train") if view.name in moved else view for view in self.views)
-        return replace(self, views=views)
+        return replace(self, views=views).noted(f"{len(moved)} of {len(test)} test views are trained on as well")
 
     def require_points(self, need: str) -> PointCloud:
         """The sparse points. need: what they are for. Raises InputError, with the command that finds some, where there

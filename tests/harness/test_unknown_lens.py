@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import html
 import io
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -177,6 +179,26 @@ def test_a_result_scored_before_there_was_blur_is_read_and_can_be_given_it(
     stored["protocol"]["photograph"][0] = "photo_ssim"
     write_again(file, stored)
     assert any("its photograph is not" in line for line in check_result(folder).problems)
+
+
+def test_bounds_stand_beside_the_score_and_the_page_says_what_cannot_rank(
+    call: Callable[..., Outcome], tmp_path: Path
+) -> None:
+    """The fake method learns one lens; its photographs are a scene unit apart, so no three rays are close."""
+    data = write_dataset(tmp_path / "photographs", name="seal", unknown=EVERY, blurred=EVERY, flat=EVERY, exact=False)
+    result = read_result(call(data=data).folder)
+    assert result.scores["lens_energy"] > 0 and result.scores["lens_seen"] == 0
+    assert "0.0 % of the pixels (10 % are needed)" in result.no_ranking
+    assert math.isfinite(result.scores["photo_fit_psnr"])
+    blind = read_result(call(method="pinhole", data=data).folder)
+    assert blind.no_ranking == "" and "no learned lens" in blind.left_out["lens_energy"]
+    assert "photo_fit_psnr" in blind.scores and "lens_seen" not in blind.scores
+    assert check_result(call(data=data).folder).problems == []
+    write_report(Report(results=tmp_path / "results", out=tmp_path / "report", pictures=False), Console(quiet=True))
+    for page in ("leaderboard.md", "report.html", "scores.html"):
+        text = html.unescape((tmp_path / "report" / page).read_text())
+        assert text.count("This dataset can't rank lenses: blur explains") == 1, page
+    assert "fit ceiling, PSNR" in (tmp_path / "report" / "report.html").read_text()
 
 
 def test_a_prediction_that_isnt_finite_is_a_failure(call: Callable[..., Outcome], tmp_path: Path) -> None:

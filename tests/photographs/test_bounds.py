@@ -73,7 +73,9 @@ def test_the_fit_ceiling_is_the_score_of_training_photographs() -> None:
     assert fit_ceiling(Learned(nan=True), worse, fit_views(worse), no_lens="") is None
 
 
-@pytest.mark.parametrize(("count", "expected"), [(1, [0]), (8, list(range(8))), (15, list(range(0, 15, 2)))])
-def test_the_views_of_the_ceiling_are_evenly_spaced(count: int, expected: list[int]) -> None:
-    views = list(range(count))
-    assert fit_views(SimpleNamespace(training_views=lambda: views)) == expected and len(expected) <= FIT_VIEWS
+@pytest.mark.parametrize(
+    ("train", "test", "expected"), [(1, 9, [0]), (15, 99, list(range(0, 15, 2))), (9, 3, [0, 4, 8]), (9, 1, [0])]
+)
+def test_the_views_of_the_ceiling_are_evenly_spaced(train: int, test: int, expected: list[int]) -> None:
+    views = {"training_views": lambda: list(range(train)), "test_views": lambda: list(range(test))}
+    assert fit_views(SimpleNamespace(**views)) == expected and len(expected) <= FIT_VIEWS

@@ -426,6 +426,7 @@ def test_coverage_trains_on_every_second_test_photograph(blurred: Path, scene: P
     tested = [[view.name for view in Dataset.load(folder).test_views()] for folder in (whole, half)]
     assert tested == [["v00", "v02", "v04"], ["v00", "v04"]]
     assert "--coverage" in Dataset.load(half).manifest.command and check_dataset(half) == []
+    assert "1 of 3 test views are trained on as well" in Dataset.load(half).manifest.source.notes
     assert "coverage" not in Dataset.load(whole).manifest.settings, "older recipes stay as they are"
     with pytest.raises(InputError, match="photographs of unknown lens alone"):
         make(blurred, tmp_path / "sharp", coverage=True)

@@ -32,7 +32,7 @@ from dofbench.evaluation.scoring.photographs.search import QUICK, THOROUGH
 from dofbench.evaluation.scoring.photographs.strata import sharpness_ratio, thirds
 
 CURVE_VIEWS = 4  # evenly spaced test views that are predicted during training; a search takes seconds
-FIT_VIEWS = 8  # at most so many evenly spaced training views are predicted as test views are: the fit ceiling
+FIT_VIEWS = 8  # training views, at most, that are predicted as test views are: the fit ceiling
 BLURRED, CLEAR = 0, 2  # indices of the thirds of a view (`strata.thirds`)
 NO_STRATA = "too few sparse points in views of both apertures to measure their blur"
 NO_TEXTURE = "the scored tiles of a test view have no texture"
@@ -145,9 +145,10 @@ def scored_photographs(
 
 
 def fit_views(dataset: BenchmarkDataset) -> list[BenchmarkView]:
-    """Up to `FIT_VIEWS` evenly spaced training views, for `fit_ceiling`."""
+    """Evenly spaced training views for `fit_ceiling`: as many as test views, at most `FIT_VIEWS`."""
     training = dataset.training_views()
-    chosen = np.linspace(0, len(training) - 1, min(len(training), FIT_VIEWS)).round().astype(int)
+    count = min(len(training), len(dataset.test_views()), FIT_VIEWS)
+    chosen = np.linspace(0, len(training) - 1, count).round().astype(int)
     return [training[index] for index in chosen]
 
 
