@@ -199,6 +199,9 @@ def test_bounds_stand_beside_the_score_and_the_page_says_what_cannot_rank(
         text = html.unescape((tmp_path / "report" / page).read_text())
         assert text.count("This dataset can't rank lenses: blur explains") == 1, page
     assert "fit ceiling, PSNR" in (tmp_path / "report" / "report.html").read_text()
+    file = call(data=data).folder / "result.json"
+    write_again(file, {**json.loads(file.read_text()), "no_ranking": ""})
+    assert any("no_ranking: no reason, though" in line for line in check_result(file.parent).problems)
 
 
 def test_a_prediction_that_isnt_finite_is_a_failure(call: Callable[..., Outcome], tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from dofbench.evaluation.results.columns import WEIGHTED
 from dofbench.evaluation.results.protocol import (
     AIF_PREFIX,
     DEPTH_COLUMNS,
+    EVIDENCE_COLUMNS,
     EXIF_COLUMNS,
     EXIF_FOCUS_COLUMNS,
     LENS_COLUMNS,
@@ -22,6 +23,7 @@ from dofbench.evaluation.results.protocol import (
 )
 from dofbench.evaluation.results.result import Result
 from dofbench.evaluation.scoring.exif_scores import exif_focus_scores, exif_scores
+from dofbench.evaluation.scoring.photographs.lens_evidence import cannot_rank
 
 MEAN_AGREEMENT = 1e-9  # tolerated relative difference between a mean and the mean of its values
 _PLANNED = ("method", "preset", "dataset", "protocol", "budget", "seed", "device", "options")
@@ -29,7 +31,7 @@ _PLANNED = ("method", "preset", "dataset", "protocol", "budget", "seed", "device
 
 def inconsistencies(result: Result) -> list[str]:
     """All inconsistencies of the result, one line each."""
-    checks = _identity, _columns, _means, _lenses, _by_exif, _ending, _times
+    checks = _identity, _columns, _means, _lenses, _by_exif, _ranking, _ending, _times
     return [line for check in checks for line in check(result)]
 
 
@@ -146,6 +148,14 @@ def _by_exif(result: Result) -> Iterator[str]:
             yield from differing(column, stored, scores[column])
         elif stored is not None and column not in scores:
             yield f"{column}: a score, which the learned lenses don't give"
+
+
+def _ranking(result: Result) -> Iterator[str]:
+    """Whether the dataset can rank lenses must follow from the two shares."""
+    energy, seen = (result.scores.get(column) for column in EVIDENCE_COLUMNS)
+    said = "" if energy is None or seen is None else cannot_rank(energy, seen)
+    if bool(said) != bool(result.no_ranking):
+        yield f"no_ranking: {result.no_ranking or 'no reason'}, though its shares say {said or 'no reason'}"
 
 
 def _ending(result: Result) -> Iterator[str]:
