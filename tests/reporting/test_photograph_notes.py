@@ -22,6 +22,7 @@ def run(
     train: str = "pqr",
     *,
     start: float | None = None,
+    measured: float | None = None,
     product: float = 10.0,
     protocol: str = "photographs-v2",
     scores: dict[str, float] | None = None,
@@ -29,7 +30,8 @@ def run(
     dataset: str = "seal",
 ) -> Entry:
     """A run scored on photographs. product: aperture x f-number that it learned, within 2 %."""
-    options = {} if start is None else {"lens_init_aperture": start}
+    chosen = {"lens_init_aperture": start, "lens_measured_at": measured}
+    options = {name: value for name, value in chosen.items() if value is not None}
     spec = Spec(
         **{"method": "lens", "preset": "cpu", "overrides": options, "options": options, "budget": "9it", "seed": 0},
         **{"dataset": dataset, "dataset_checksum": dataset, "protocol": protocol, "device": "cpu", "code": "1+c"},
@@ -84,8 +86,13 @@ def test_other_datasets_of_the_scene_say_nothing_on_coverage(other: Entry) -> No
     assert not any("Coverage" in line for line in photograph_notes({A: [plain]}, [plain, other], NAMES))
 
 
-def of_starts(first: float, second: float, apart: float = 4.0) -> dict[tuple[str, ...], list[Entry]]:
-    return {A: [run({}, start=0.25, product=first)], B: [run({}, start=0.25 * apart, product=second)]}
+def of_starts(
+    first: float, second: float, apart: float = 4.0, measured: float | None = None
+) -> dict[tuple[str, ...], list[Entry]]:
+    return {
+        variant: [run({}, start=start, product=product, measured=measured)]
+        for variant, start, product in ((A, 0.25, first), (B, 0.25 * apart, second))
+    }
 
 
 def test_two_starts_that_agree_are_stated_with_their_intervals() -> None:
@@ -97,7 +104,7 @@ def test_two_starts_that_agree_are_stated_with_their_intervals() -> None:
 
 
 def test_two_starts_that_differ_leave_no_score() -> None:
-    groups = of_starts(10.0, 15.0)
+    groups = of_starts(10.0, 15.0, measured=1.0)
     assert undetermined(groups).keys() == {A, B}
     (board,) = gather([entry for runs in groups.values() for entry in runs])
     for line in board.lines.values():
@@ -107,7 +114,13 @@ def test_two_starts_that_differ_leave_no_score() -> None:
 
 
 @pytest.mark.parametrize(
-    "groups", [{A: [run({})]}, of_starts(10.0, 15.0, apart=3.9), {A: [run({}, start=1.0)], B: [run({}, "other")]}]
+    "groups",
+    [
+        {A: [run({})]},
+        of_starts(10.0, 15.0, apart=3.9),
+        {A: [run({}, start=1.0)], B: [run({}, "other")]},
+        of_starts(10.0, 10.0, measured=0.2),  # the measurement has replaced both starts
+    ],
 )
 def test_without_two_starts_a_factor_of_four_apart_there_is_one(groups: dict) -> None:
     assert undetermined(groups) == {}

@@ -12,6 +12,7 @@ from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.evaluation.results.protocol import EVIDENCE_COLUMNS, EXIF_COLUMNS, arithmetic_mean
 
 START = "lens_init_aperture"  # the option whose values are the starts
+MEASURED = "lens_measured_at"  # the option by which, below 1, a measurement replaces the start
 APART = 4.0  # least ratio of two starts
 LEAST_WIDTH = 0.05  # relative: half of the narrowest interval, since two trainings are never equal
 ONE_START = "one start"
@@ -113,7 +114,8 @@ def _by_exif(groups: Groups, shown: Mapping[Variant, str]) -> Iterator[str]:
 def _starts(groups: Groups, variant: Variant) -> str:
     """What trainings from other starts say of this variant's apertures, in words."""
     family = [runs for one, runs in groups.items() if one == variant or _family(runs) == _family(groups[variant])]
-    starts = {start: runs for runs in family if (start := runs[0].spec.options.get(START)) is not None}
+    options = [(runs[0].spec.options, runs) for runs in family]
+    starts = {one[START]: runs for one, runs in options if START in one and one.get(MEASURED, 1.0) >= 1.0}
     if not starts or max(starts) < APART * min(starts):
         return ONE_START
     ends = [(start, exif_intervals(_estimates(starts[start])).product) for start in (min(starts), max(starts))]
