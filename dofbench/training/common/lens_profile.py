@@ -33,6 +33,7 @@ MOST = 12000  # patches: more are thinned out
 # the aperture, and of the focus. A texture, or a disc of many pixels, has the same bias in all its patches.
 WIDER, FLOORS = 1.7, (0.1, 0.03)
 TURNED = 0.3  # normalised disparity between a view's foci, alone and with the shared aperture, that is too much
+SHARP = 0.6  # share of the views whose own aperture must be determined
 APART = 2.0  # views have apertures of their own if they differ by so many times the variance of their errors
 
 
@@ -137,13 +138,13 @@ def measure_lenses(
             profile.append((float(_robust(patches.residual(aperture * opening, foci)).sum()), aperture, foci))
     _, aperture, foci = min(profile, key=lambda one: one[0])
     shared = _fitted(patches, own, np.zeros(views, int), aperture * opening, foci, seed)
-    if len(set(ties.aperture)) == 1 or not shared.determined:
+    if len(set(ties.aperture)) == 1:
         return shared
     groups = np.array(ties.aperture)
     each = _fitted(patches, own, groups, *_swept(own, aperture * opening, foci, FACTORS), seed)
     # Half the aperture with the focus on the other side blurs much alike.
     sharp = (each.aperture_error <= DETERMINED) & (np.abs(each.foci - shared.foci) < TURNED)
-    if sharp.sum() < 2:
+    if np.mean(sharp) < SHARP:
         return shared
     logs = np.log(each.aperture / opening)
     middle = np.average(logs[sharp], weights=each.aperture_error[sharp] ** -2)
@@ -151,9 +152,12 @@ def measure_lenses(
     if apart <= APART:
         return shared
     # Where a view's own profile isn't sharp, the others' spread is all that is known of its aperture.
+    aperture, error = np.where(sharp, each.aperture, np.exp(middle) * opening), float(np.median(each.aperture_error))
     return replace(
         each,
-        aperture=np.where(sharp, each.aperture, np.exp(middle) * opening),
+        aperture=aperture,
+        low=float(np.median(aperture) * np.exp(-error)),
+        high=float(np.median(aperture) * np.exp(error)),
         foci=np.where(sharp, each.foci, shared.foci),
         aperture_error=np.where(sharp, each.aperture_error, np.std(logs[sharp])),
         focus_error=np.where(sharp, each.focus_error, shared.focus_error),
