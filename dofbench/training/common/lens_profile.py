@@ -30,11 +30,12 @@ DETERMINED = 0.25  # largest relative standard deviation of an aperture that is 
 FEWEST = 50  # patches
 MOST = 12000  # patches: more are thinned out
 # Against the truth, errors are this many times those of resampled views, and no smaller than the floors: relative, of
-# the aperture, and of the focus. A texture, or a disc of many pixels, has the same bias in all its patches.
-WIDER, FLOORS = 1.7, (0.1, 0.03)
+# the aperture, and of the focus. A texture, or a disc of many pixels, has the same bias in all its patches, which more
+# views of one aperture average out.
+WIDER, FLOORS, FLOORS_EACH = 1.7, (0.1, 0.03), (0.2, 0.05)
 TURNED = 0.3  # normalised disparity between a view's foci, alone and with the shared aperture, that is too much
 SHARP = 0.6  # share of the views whose own aperture must be determined
-APART = 2.0  # views have apertures of their own if they differ by so many times the variance of their errors
+APART = 1.2  # views have apertures of their own if they differ by so many times the variance of their errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,10 +200,10 @@ def _fitted(
     """Refine all lenses together. groups: (V,) whose apertures are tied."""
     aperture, foci = _refined(patches, groups, aperture, foci)
     low, high = _interval(patches, aperture, foci, seed)
-    few = np.array([len(one.first) < FEWEST for one in own])
+    few, floors = np.array([len(one.first) < FEWEST for one in own]), FLOORS if groups.max() == 0 else FLOORS_EACH
     errors = [
         np.where(few, np.inf, np.hypot(error, floor))
-        for error, floor in zip(_errors(patches, groups, aperture, foci), FLOORS, strict=True)
+        for error, floor in zip(_errors(patches, groups, aperture, foci), floors, strict=True)
     ]
     if groups.max() == 0:
         errors[0] = np.full(len(own), np.log(high / low) / 2)

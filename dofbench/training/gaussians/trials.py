@@ -233,8 +233,7 @@ def keeps_lens(gain: float, error: float, circle: float) -> bool:
 # own blur, at a fifth of the cost, can't be told from it on ray-traced defocus (docs/notes/forward-models.md).
 _LENS_POINTS = {"lens_model": "samples", "lens_samples_from": 0.0, "lens_rings": 1}
 # Until the last fifth each Gaussian's own blur continues, since it takes one rasterisation.
-# A measured lens is learned through the samples alone: without occlusion, blur narrows it.
-_AFTER = {"samples": {"lens_rings_from": 0.8, "lens_frozen_until": 0.8, "depth_every": 4}}
+_AFTER = {"samples": {"lens_rings_from": 0.8, "depth_every": 4}}
 
 
 def questions(options: GaussianOptions) -> tuple[str, ...]:
