@@ -104,6 +104,21 @@ def test_one_aperture_predicts_the_photographs_of_another(
 
 
 @pytest.mark.slow
+def test_an_aperture_that_is_not_determined_is_no_number(two_apertures: Path, tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    assert app.main(["make-dataset", str(two_apertures), "--photographs", "shallow", "--out", str(data)]) == 0
+    # After six steps the scene doesn't stand.
+    assert app.main([*training(data, 20, tmp_path / "results"), "--set", "lens_measured_at=0.3"]) == 0
+    (file,) = (tmp_path / "results").rglob("result.json")
+    result = read_result(file)
+    (stage,) = (stage for stage in result.plan["stages"] if stage["name"] == "lens_measured")
+    assert not stage["runs"]
+    assert result.apertures == [] and not {"exif_spread", "exif_ratio"} & result.scores.keys()
+    assert result.left_out["exif_ratio"] == stage["reason"]
+    assert app.main(["check", str(tmp_path / "results")]) == 0
+
+
+@pytest.mark.slow
 def test_spread_and_ratio_come_from_a_sitting_of_several_apertures(two_apertures: Path, tmp_path: Path) -> None:
     data = tmp_path / "data"
     assert app.main(["make-dataset", str(two_apertures), "--photographs", "shallow", "--out", str(data)]) == 0

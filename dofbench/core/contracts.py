@@ -143,6 +143,9 @@ class NonFinite:
     detail: str
 
 
+LENS_MEASURED = "lens_measured"  # stage of the decision whether a learned aperture may be stated as a number
+
+
 @dataclass(frozen=True)
 class Decision:
     """What training decided for itself, and the plan left open. stage: what the plan calls it. runs: whether it goes

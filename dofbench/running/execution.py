@@ -16,7 +16,7 @@ from rich.table import Table
 
 from dofbench.core.budget import Budget
 from dofbench.core.clock import StageTimes, loading, timestamp
-from dofbench.core.contracts import Decision, FitOutcome, Method, TrainingSet
+from dofbench.core.contracts import LENS_MEASURED, Decision, FitOutcome, Method, TrainingSet
 from dofbench.core.errors import Ended, InputError, Status, interruption, out_of_memory
 from dofbench.core.evidence import ROLE_SAYS
 from dofbench.core.files import read_json, refuse_links_outside, sha256_file, write_json
@@ -27,7 +27,7 @@ from dofbench.datasets.format.dataset import Dataset
 from dofbench.evaluation.metrics import METRICS
 from dofbench.evaluation.results import provenance
 from dofbench.evaluation.results.added_scores import ADDED_FILE
-from dofbench.evaluation.results.protocol import PROTOCOLS
+from dofbench.evaluation.results.protocol import EXIF_COLUMNS, PROTOCOLS
 from dofbench.evaluation.results.result import (
     MODEL_FOLDER,
     PREDICTIONS_FOLDER,
@@ -362,6 +362,7 @@ class Execution:
         training = stages.get(TRAIN, {"wall": 0.0, "cpu": 0.0})
         plan = revised(self.plan.by_data.as_data(), outcome.decisions if outcome else ())
         scores, left_out = dict(found.scores), {**self.plan.by_data.left_out, **found.left_out}
+        apertures = found.apertures
         for decision in outcome.decisions if outcome else ():
             if decision.stage == self.entry.card.stage_decided_by("lens") and not decision.runs:
                 columns = (*self.protocol.refocus_columns, *self.protocol.lens)
@@ -370,6 +371,10 @@ class Execution:
                     for column in columns
                     if column in self.plan.by_data.columns and column not in scores
                 }
+            elif decision.stage == LENS_MEASURED and not decision.runs and apertures:
+                apertures = []
+                left_out |= dict.fromkeys(EXIF_COLUMNS, decision.reason)
+                scores = {column: score for column, score in scores.items() if column not in EXIF_COLUMNS}
         scores |= {
             "train_s": training["wall"],
             "steps": self._steps(trained),
@@ -410,7 +415,7 @@ class Execution:
             views=found.views,
             lens=found.lens,
             fits=found.fits,
-            apertures=found.apertures,
+            apertures=apertures,
             foci=found.foci,
             curve=trained.curve if trained else observer.curve if observer else [],
             stages={name: StageTime.model_validate(time) for name, time in stages.items()},

@@ -13,7 +13,7 @@ import torch
 
 from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import Decision, FitOutcome, NonFinite, Observer, Rendering, TrainingSet
+from dofbench.core.contracts import LENS_MEASURED, Decision, FitOutcome, NonFinite, Observer, Rendering, TrainingSet
 from dofbench.core.errors import Ended, InputError, Status
 from dofbench.core.lens import PhysicalLens
 from dofbench.runtime.device_memory import would_fit
@@ -191,7 +191,7 @@ class Trainer:
             found = measured_lenses(self.gaussians, self.state, self.views, self.options, self._seed)
         reason = "too few patches that two photographs show" if found is None else str(found)
         determined = found is not None and found.determined
-        self.decisions.append(Decision("lens_measured", determined, reason))
+        self.decisions.append(Decision(LENS_MEASURED, determined, reason))
         if found is not None and determined:
             self.state.set_lenses(found)
             self._trials.settle("share")
