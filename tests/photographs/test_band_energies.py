@@ -12,9 +12,11 @@ from scipy.signal import fftconvolve
 from tolerances import FLOAT64_VALUE
 
 from dofbench.core.content import content_folder
+from dofbench.evaluation.scoring.photograph_scores import picture_blur
 from dofbench.evaluation.scoring.photographs import band_energies
 from dofbench.evaluation.scoring.photographs.band_energies import BANDS, FLOOR, WINDOW, band_ratios
 from dofbench.evaluation.scoring.photographs.image_tiles import Tiles, masked_psnr
+from dofbench.evaluation.scoring.photographs.predict import recoloured_by
 from dofbench.optics.defocus import defocus_numpy
 from dofbench.scenes import load_scene
 
@@ -140,3 +142,11 @@ def test_a_lens_is_told_where_psnr_of_a_shifted_picture_prefers_another() -> Non
         errors = {aperture: error(picture, pictures[own], tiles) for aperture, picture in shifted.items()}
         psnr = {aperture: masked_psnr(picture, pictures[own], tiles.scored) for aperture, picture in shifted.items()}
         assert min(errors, key=errors.__getitem__) == own and max(psnr, key=psnr.__getitem__) == 2.0
+
+
+def test_displaced_texture_is_not_taken_for_blurred() -> None:
+    """The protocol's fit of colours lowers its contrast in all bands alike, here by more than 5 dB."""
+    photograph = noise(1.0)
+    picture = recoloured_by(np.roll(photograph, 2, axis=1).astype(np.float32), photograph, TILES)
+    assert band_ratios(picture.astype(np.float64), photograph, TILES).excess.mean() < -5
+    assert abs(picture_blur(picture, photograph, TILES)["photo_blur_bias"]) < 2

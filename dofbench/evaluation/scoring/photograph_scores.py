@@ -23,6 +23,7 @@ from dofbench.evaluation.results.protocol import (
 )
 from dofbench.evaluation.results.result import HalfFitted, ViewFit
 from dofbench.evaluation.scoring.photographs.band_energies import band_ratios
+from dofbench.evaluation.scoring.photographs.colour_fit import with_contrast
 from dofbench.evaluation.scoring.photographs.coverage import Frame, covered
 from dofbench.evaluation.scoring.photographs.image_tiles import Tiles, masked_psnr, tiled_ssim
 from dofbench.evaluation.scoring.photographs.learned_aperture import learned_aperture
@@ -213,9 +214,11 @@ def prediction_scores(found: Prediction, photograph: np.ndarray) -> dict[str, fl
 
 
 def picture_blur(picture: np.ndarray, photograph: np.ndarray, tiles: Tiles) -> dict[str, float]:
-    """`PICTURE_BLUR` of an image, (H, W, 3), encoded, at 8-bit levels; none where the photograph has no texture."""
+    """`PICTURE_BLUR` of an image, (H, W, 3), encoded, at 8-bit levels, with the photograph's contrast; none where the
+    photograph has no texture."""
     # A file's reader may differ from `from_8bit` by a float32's last digit, which shows where the mean is near zero.
-    found = band_ratios(from_8bit(to_8bit(picture)), from_8bit(to_8bit(photograph)), tiles)
+    own, true = (from_8bit(to_8bit(image)) for image in (picture, photograph))
+    found = band_ratios(with_contrast(own, true, tiles.fitted), true, tiles)
     if not found.ratios.size:
         return {}
     return dict(zip(PICTURE_BLUR, (float(found.errors.mean()), float(found.excess.mean())), strict=True))

@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from dofbench.optics.blur_width import LUMA
+
 LOW, HIGH = 1.5 / 255, 253.5 / 255  # pixels outside are (nearly) clipped and aren't fitted
 FEWEST = 64  # fewest pixels to fit 12 numbers to
+FAINT = 3 / 255  # added to both standard deviations of luma: flat images have no contrast to compare
 
 
 def colour_map(prediction: np.ndarray, photograph: np.ndarray) -> np.ndarray:
@@ -29,3 +32,14 @@ def colour_map(prediction: np.ndarray, photograph: np.ndarray) -> np.ndarray:
 def recoloured(image: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     """The image (..., 3) transformed by a `colour_map`, clipped to [0, 1], float32."""
     return np.clip(image.astype(np.float64) @ matrix[:3] + matrix[3], 0.0, 1.0).astype(np.float32)
+
+
+def with_contrast(prediction: np.ndarray, photograph: np.ndarray, fitted: np.ndarray) -> np.ndarray:
+    """The prediction with the photograph's mean and standard deviation of luma over the pixels `fitted`, (H, W) bool.
+
+    prediction, photograph: (H, W, 3), encoded; returns the same, clipped to [0, 1], float64. `colour_map` lowers the
+    contrast of texture that the prediction has at another place, by which it would look blurred.
+    """
+    own, true = (image[fitted].astype(np.float64) @ LUMA for image in (prediction, photograph))
+    factor = (true.std() + FAINT) / (own.std() + FAINT)
+    return np.clip((prediction - own.mean()) * factor + true.mean(), 0.0, 1.0)
