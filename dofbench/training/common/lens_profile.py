@@ -189,8 +189,8 @@ def _swept(
             for row, factor in enumerate(factors):
                 mine = (first[view] * factor * patches.mine * (patches.u - FOCI[:, None])) ** 2
                 costs[row] = _robust((mine - wanted) / patches.deviation).sum(axis=1)
-            row, column = np.unravel_index(int(np.argmin(costs)), costs.shape)
-            aperture[view], foci[view] = first[view] * factors[row], FOCI[column]
+            least, column = np.unravel_index(int(np.argmin(costs)), costs.shape)
+            aperture[view], foci[view] = first[view] * factors[least], FOCI[column]
     return aperture, foci
 
 
@@ -201,14 +201,14 @@ def _fitted(
     aperture, foci = _refined(patches, groups, aperture, foci)
     low, high = _interval(patches, aperture, foci, seed)
     few, floors = np.array([len(one.first) < FEWEST for one in own]), FLOORS if groups.max() == 0 else FLOORS_EACH
-    errors = [
+    aperture_error, focus_error = (
         np.where(few, np.inf, np.hypot(error, floor))
         for error, floor in zip(_errors(patches, groups, aperture, foci), floors, strict=True)
-    ]
+    )
     if groups.max() == 0:
-        errors[0] = np.full(len(own), np.log(high / low) / 2)
-    base = float(np.median(aperture))
-    return MeasuredLenses(aperture, foci, *errors, False, base * low, base * high, len(patches.first))
+        aperture_error = np.full(len(own), np.log(high / low) / 2)
+    base, patch_count = float(np.median(aperture)), len(patches.first)
+    return MeasuredLenses(aperture, foci, aperture_error, focus_error, False, base * low, base * high, patch_count)
 
 
 def _interval(patches: _Patches, aperture: np.ndarray, foci: np.ndarray, seed: int) -> tuple[float, float]:
