@@ -59,6 +59,11 @@ def test_a_measured_lens_stays_frozen_and_then_near_its_value(activation, ties):
     assert abs(narrowed[1] - 0.3) <= 0.2 + 1e-5
 
 
+def test_one_lens_for_all_gets_the_median_focus():
+    lenses = made(np.array([0.8, 0.8]), np.full((2, 2), 0.1), Ties((0, 0), (0, 0), (1.0, 1.0)), lens_activation="ends")
+    assert [lenses.aperture_and_focus(view) for view in (0, 1)] == [pytest.approx((0.8, 0.45), rel=1e-4)] * 2
+
+
 def test_without_limits_a_measured_lens_is_learned_freely():
     lenses = made(np.array([0.8, 0.8]), np.full((2, 2), 0.1), Ties.untied(2), lens_activation="log", lens_within=0.0)
     assert pushed(lenses, 0, 60, 0.6)[0] < 0.8 * np.exp(-0.5)

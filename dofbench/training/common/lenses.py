@@ -294,7 +294,10 @@ class LearnedLenses:
 
     def measured(self, aperture: np.ndarray, focus: np.ndarray, errors: np.ndarray, ties: Ties) -> LearnedLenses:
         """Lenses of these values under the given ties, with limits about them. aperture, focus: (V,), normalised.
-        errors: (V, 2) standard deviations, of the aperture relative to it; the option lens_within scales them."""
+        errors: (V, 2) standard deviations, of the aperture relative to it; the option lens_within scales them. Views
+        that share a focus get the median of theirs."""
+        shared = np.array(ties.focus)
+        focus = np.array([np.median(focus[shared == place]) for place in shared])
         lenses = LearnedLenses(len(self.ranges), self._first_range, self._options, ties, self._tables[0].values.device)
         lenses.ranges, reach = list(self.ranges), self._options.lens_within or math.inf
         for view, (a, f, error) in enumerate(zip(aperture, focus, errors, strict=True)):

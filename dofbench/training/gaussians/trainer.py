@@ -113,7 +113,9 @@ class Trainer:
                     pace.plan(self.options.starts(), partial(self._time_of_a_step, observer))
                 else:
                     if self._unmeasured and progress >= self.options.lens.lens_measured_at:
-                        self._measure(observer)
+                        self._unmeasured = False
+                        if self.lenses is not None:
+                            self._measure(observer)
                     self._next(step, progress)
                     step += 1
                 if self._stopping.active:
@@ -186,9 +188,10 @@ class Trainer:
 
     def _measure(self, observer: Observer) -> None:
         """Measure the lenses on the scene so far, and go on from them if they are determined."""
-        self._unmeasured = False
+        observer.stage("lens measured", 0, 1)
         with self._clock.timed("lens measured"):
             found = measured_lenses(self.gaussians, self.state, self.views, self.options, self._seed)
+        observer.stage("lens measured", 1, 1)
         reason = "too few patches that two photographs show" if found is None else str(found)
         determined = found is not None and found.determined
         self.decisions.append(Decision(LENS_MEASURED, determined, reason))
