@@ -169,6 +169,18 @@ def test_points_start_behind_what_is_known_where_nothing_is(photographed):
     assert np.abs(np.quantile(share, [0.25, 0.5, 0.75]) - [0.25, 0.5, 0.75]).max() < 4 * 0.5 / np.sqrt(count)
 
 
+def test_a_few_unknown_pixels_start_nothing_behind(photographed):
+    training_set = photographed.training_set
+    maps = []
+    for view in training_set.views:
+        known = np.ones(view.image.shape[:2], np.float32)
+        known[:, : round(0.06 * known.shape[1])] = 0  # 5 % of the pixels are far enough from known ones
+        maps.append(DepthMap(2 * known, known))
+    assert len(with_points_behind(training_set, training_set.points, DensePrior(maps), 6000, 0)) == len(
+        training_set.points
+    )
+
+
 def test_no_points_start_behind_where_all_is_known_or_masked(photographed):
     training_set = photographed.training_set
     masked = replace(

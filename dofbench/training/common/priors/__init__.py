@@ -11,13 +11,14 @@ import numpy as np
 import torch
 
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import PointCloud, TrainingSet
+from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.core.errors import InputError
 from dofbench.core.progress import Update, silent
 from dofbench.training.common.depth import DepthMap, DepthSamples, sparse_depth
 from dofbench.training.common.options import CONTENT
 
 _REACH = 0.01  # of the width: pixels so near to one of known depth count as known
+_FEW = 0.05  # share of the pixels: with fewer unknown ones nothing is started behind (docs/notes/points.md)
 _FARTHEST = 0.02  # of the nearest known disparity: least one of a point behind it
 
 
@@ -179,19 +180,15 @@ def with_points_behind(
     densification reaches no far background. A drawn pixel gets its own colour, and a disparity between near infinity
     and that of the nearest pixel of known depth. count: if no pixel had known depth; in proportion else.
     """
-    from scipy.ndimage import binary_dilation, distance_transform_edt
+    from scipy.ndimage import distance_transform_edt
 
     random = np.random.default_rng([seed, 1])
     xyz, rgb = [points.xyz], [points.rgb]
-    for index, view in enumerate(training_set.views):
-        camera, samples = view.camera, prior.samples(index, view.camera)
-        disparity = np.zeros((camera.height, camera.width))
-        disparity[samples.rows.numpy(), samples.columns.numpy()] = 1 / samples.depth.numpy()
-        if not disparity.any():
-            continue
-        reach = max(1, round(_REACH * camera.width))
-        known = binary_dilation(disparity > 0, np.ones((2 * reach + 1, 2 * reach + 1)))
-        unknown = ~known if view.mask is None else ~known & view.mask
+    maps = [_disparities(prior, index, view) for index, view in enumerate(training_set.views)]
+    unknowns = [_unknown(disparity, view) for disparity, view in zip(maps, training_set.views, strict=True)]
+    if np.mean([unknown.mean() for unknown in unknowns]) < _FEW:
+        return points
+    for view, disparity, unknown in zip(training_set.views, maps, unknowns, strict=True):
         rows, columns = np.nonzero(unknown)
         wanted = min(len(rows), round(count / len(training_set.views) * unknown.mean()))
         if wanted == 0:
@@ -201,10 +198,29 @@ def with_points_behind(
         rows, columns = rows[chosen], columns[chosen]
         limit = disparity[tuple(nearest[:, rows, columns])]
         z = 1 / (limit * random.uniform(_FARTHEST, 1.0, wanted))
-        xyz.append(_in_scene(camera, rows, columns, z))
+        xyz.append(_in_scene(view.camera, rows, columns, z))
         rgb.append(view.image[rows, columns])
     every, colours = np.concatenate(xyz), np.concatenate(rgb).astype(np.float32)
     return PointCloud(every, colours, np.full(len(every), np.nan, np.float32))
+
+
+def _disparities(prior: Prior, index: int, view: TrainingView) -> np.ndarray:
+    """(H, W) disparity that the prior knows of a view, 1 / scene unit; 0 where it knows none."""
+    samples = prior.samples(index, view.camera)
+    disparity = np.zeros((view.camera.height, view.camera.width))
+    disparity[samples.rows.numpy(), samples.columns.numpy()] = 1 / samples.depth.numpy()
+    return disparity
+
+
+def _unknown(disparity: np.ndarray, view: TrainingView) -> np.ndarray:
+    """(H, W) bool: valid pixels without a pixel of known depth nearby; none where no depth is known at all."""
+    from scipy.ndimage import binary_dilation
+
+    if not disparity.any():
+        return np.zeros(disparity.shape, bool)
+    reach = max(1, round(_REACH * view.camera.width))
+    known = binary_dilation(disparity > 0, np.ones((2 * reach + 1, 2 * reach + 1)))
+    return np.asarray(~known if view.mask is None else ~known & view.mask)
 
 
 def _in_scene(camera: Camera, rows: np.ndarray, columns: np.ndarray, z: np.ndarray) -> np.ndarray:
