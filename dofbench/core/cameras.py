@@ -114,6 +114,12 @@ class Camera(Calibration):
         pose[:3, 3] -= pose[:3, :3] @ np.array(by)
         return replace(self, world_to_camera=pose)
 
+    def lifted(self, columns: np.ndarray, rows: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """(P, 3) world points that these pixels (P,) show at their centres, at z (P,), scene units."""
+        x, y = self.rays(columns + 0.5, rows + 0.5)
+        local = np.stack([x * z, y * z, z, np.ones_like(z)], axis=1)
+        return np.asarray((local @ self.camera_to_world.T)[:, :3])
+
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Project world points (P, 3). Returns image coordinates (P, 2), pixels, and depth (P,).
 

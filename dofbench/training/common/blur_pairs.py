@@ -32,6 +32,8 @@ SAME = 0.05  # relative difference of depths that counts as one surface
 COARSER = 0.8  # px: blur of both patches before they are correlated
 WHOLE = 0.98  # share of a patch that both photographs show
 ALIKE = 0.7  # least correlation of two patches, both blurred
+SHARED = 0.05  # least share of a view's surface that a neighbour shows
+NOISIEST = 0.5  # largest share of noise in a patch's energy
 SPREAD = 0.15  # standard deviation of an energy's logarithm besides noise
 
 
@@ -80,13 +82,14 @@ class Surface:
         height, width = self.depth.shape
         rows, columns = (grid.ravel() for grid in np.mgrid[:height, :width])
         z = self.depth.ravel().astype(np.float64)
-        return _in_scene(self.camera, rows, columns, np.where(z > 0, z, 1.0))
+        return self.camera.lifted(columns, rows, np.where(z > 0, z, 1.0))
 
-    def flat(self, extent: float) -> np.ndarray:
-        """At the patches: whether they are at one depth. extent: of the disparity range, 1 / scene unit."""
-        disparity = np.divide(1.0, extent * self.depth, out=np.zeros(self.depth.shape), where=self.depth > 0)
+    @cached_property
+    def unevenness(self) -> np.ndarray:
+        """At the patches: standard deviation of disparity, 1 / scene unit."""
+        disparity = np.divide(1.0, self.depth, out=np.zeros(self.depth.shape), where=self.depth > 0)
         level, square = _windowed(disparity), _windowed(disparity**2)
-        return np.asarray(np.sqrt(np.maximum(square - level**2, 0)) < FLAT)
+        return np.asarray(np.sqrt(np.maximum(square - level**2, 0)))
 
     @staticmethod
     def of(camera: Camera, image: np.ndarray, depth: np.ndarray, mask: np.ndarray | None, gamma: float) -> Surface:
@@ -132,13 +135,13 @@ def _neighbours(surfaces: Sequence[Surface], index: int) -> list[int]:
     own = surfaces[index]
     rows, columns = (grid.ravel() for grid in np.mgrid[4 : own.camera.height : 8, 4 : own.camera.width : 8])
     z = own.depth[rows, columns].astype(np.float64)
-    points = _in_scene(own.camera, rows[z > 0], columns[z > 0], z[z > 0])
+    points = own.camera.lifted(columns[z > 0], rows[z > 0], z[z > 0])
     shared = np.zeros(len(surfaces))
     for other, surface in enumerate(surfaces):
         if other != index and len(points):
             shared[other] = np.mean(_seen(own.camera, surface, points)[0])
     order = np.argsort(-shared, kind="stable")[:NEIGHBOURS]
-    return [int(other) for other in order if shared[other] > 0.05]
+    return [int(other) for other in order if shared[other] > SHARED]
 
 
 def _seen(camera: Camera, other: Surface, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -152,12 +155,6 @@ def _seen(camera: Camera, other: Surface, points: np.ndarray) -> tuple[np.ndarra
     rays = [points - one.centre for one in (camera, other.camera)]
     rays = [ray / np.maximum(np.linalg.norm(ray, axis=1, keepdims=True), 1e-12) for ray in rays]
     return seen & ((rays[0] * rays[1]).sum(axis=1) > np.cos(np.radians(ANGLE))), xy, z
-
-
-def _in_scene(camera: Camera, rows: np.ndarray, columns: np.ndarray, z: np.ndarray) -> np.ndarray:
-    x, y = camera.rays(columns + 0.5, rows + 0.5)
-    local = np.stack([x * z, y * z, z, np.ones_like(z)], axis=1)
-    return np.asarray((local @ camera.camera_to_world.T)[:, :3])
 
 
 def _compared(own: Surface, other: Surface, noise: tuple[float, float], extent: float) -> tuple[np.ndarray, ...] | None:
@@ -179,7 +176,7 @@ def _compared(own: Surface, other: Surface, noise: tuple[float, float], extent: 
     whole = _windowed(valid.astype(np.float32)) > WHOLE
     together = _windowed(mine.fine * theirs.fine)
     alike = together > ALIKE * np.sqrt(np.maximum(mine.fine_energy * theirs.fine_energy, 1e-20))
-    used = own.flat(extent) & whole & alike & (mine.mean > 0) & (theirs.mean > 0)
+    used = (own.unevenness < FLAT * extent) & whole & alike & (mine.mean > 0) & (theirs.mean > 0)
     if not used.any():
         return None
     # Exposure scales both energies and means.
@@ -188,7 +185,7 @@ def _compared(own: Surface, other: Surface, noise: tuple[float, float], extent: 
     floors = [energy / one.mean[used] ** 2 for energy, one in zip(noise, textures, strict=True)]
     difference, slope, ok = _difference(own_energy, other_energy)
     noisy = [floor / np.exp(energy[0]) for floor, energy in zip(floors, (own_energy, other_energy), strict=True)]
-    ok &= (noisy[0] < 0.5) & (noisy[1] < 0.5)
+    ok &= (noisy[0] < NOISIEST) & (noisy[1] < NOISIEST)
     if not ok.any():
         return None
     deviation = np.sqrt(SPREAD**2 + noisy[0] ** 2 + noisy[1] ** 2) / slope

@@ -96,9 +96,7 @@ def _counted(views: Sequence[Seen], own: int) -> tuple[int, int]:
     pixels, z = len(row), np.asarray(view.depth, np.float64)[row, column]
     there = np.isfinite(z) & (z > 0)
     row, column, z = row[there], column[there], z[there]
-    x, y = camera.rays(column + 0.5, row + 0.5)
-    local = np.stack([x * z, y * z, z, np.ones_like(z)], axis=1)
-    world = (local @ camera.camera_to_world.T)[:, :3]
+    world = camera.lifted(column, row, z)
     rays, sees, blurred = _sightings(views, world)
     sees[:, own] = True  # its own surface, whatever rounding does to its place
     most, found = max(1, _AT_ONCE // len(views) ** 2), 0

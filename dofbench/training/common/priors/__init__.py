@@ -165,7 +165,7 @@ def with_surface_points(training_set: TrainingSet, prior: Prior, count: int, see
         if wanted:
             chosen = np.sort(random.choice(len(depth), wanted, replace=False, p=weight / weight.sum()))
         rows, columns, z = samples.rows.numpy()[chosen], samples.columns.numpy()[chosen], depth[chosen]
-        xyz.append(_in_scene(camera, rows, columns, z))
+        xyz.append(camera.lifted(columns, rows, z))
         rgb.append(view.image[rows, columns])
     every, colours = np.concatenate(xyz), np.concatenate(rgb).astype(np.float32)
     return PointCloud(every, colours, np.full(len(every), np.nan, np.float32))
@@ -198,7 +198,7 @@ def with_points_behind(
         rows, columns = rows[chosen], columns[chosen]
         limit = disparity[tuple(nearest[:, rows, columns])]
         z = 1 / (limit * random.uniform(_FARTHEST, 1.0, wanted))
-        xyz.append(_in_scene(view.camera, rows, columns, z))
+        xyz.append(view.camera.lifted(columns, rows, z))
         rgb.append(view.image[rows, columns])
     every, colours = np.concatenate(xyz), np.concatenate(rgb).astype(np.float32)
     return PointCloud(every, colours, np.full(len(every), np.nan, np.float32))
@@ -221,13 +221,6 @@ def _unknown(disparity: np.ndarray, view: TrainingView) -> np.ndarray:
     reach = max(1, round(_REACH * view.camera.width))
     known = binary_dilation(disparity > 0, np.ones((2 * reach + 1, 2 * reach + 1)))
     return np.asarray(~known if view.mask is None else ~known & view.mask)
-
-
-def _in_scene(camera: Camera, rows: np.ndarray, columns: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """(M, 3) the points at z-depth z (M,) that the pixels (M,) show; scene units."""
-    x, y = camera.rays(columns + 0.5, rows + 0.5)
-    local = np.stack([x * z, y * z, z, np.ones_like(z)], axis=1)
-    return np.asarray((local @ camera.camera_to_world.T)[:, :3])
 
 
 def _check_files(options: PriorOptions) -> None:
