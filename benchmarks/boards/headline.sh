@@ -1,0 +1,61 @@
+#!/bin/sh
+# The headline boards: sh benchmarks/boards/headline.sh SCENES OUT [BLOCK ...]
+#
+# The rule by which they are cut, stated before any run:
+#   - Blocks are run in the order below, until the time for it is over. A block is on the board when all of its runs have
+#     ended, however they ended; else the whole block is left out.
+#   - All methods run in their default presets, which are fixed, at these presets' own lengths, at most 40 minutes each on
+#     two cores. Seed 0; seeds 1 and 2 for the five methods with the best mean of the first seed.
+#   - Rendered and blurred scenes come in an order that was drawn (Python's random.Random(53).shuffle of the names in the
+#     order of the board before: first the six, then the three).
+#   - Fields are cut first, after drinks and the light field: their scene is a grid of this project, so they are least
+#     what their names say.
+# What a block has finished is kept: called again, it goes on.
+set -e
+scenes=$1 out=$2
+shift 2
+here=$(dirname "$0")
+gaussians=3dgs,bags,cocogaussian,deblurring3dgs,dofgaussian,dofgs,gsplat_deblur,lensselect,mipsplatting,rgs
+shared=3dgs,bags,cocogaussian,deblurring3dgs,dofgaussian,dofgs,gsplat_deblur,mipsplatting,rgs
+fields=deblurnerf,dofnerf,dpnerf,lensnerf,nerf,pdrf
+
+lens="--focus 0.2,0.5,0.8 --aperture 0.5,1.0"
+
+data() { # NAME: makes the dataset if it isn't there
+    [ -f "$out/data/$1/dataset.json" ] && return
+    case $1 in
+    drinks) dofbench make-dataset "$scenes/report/drinks" --photographs shallow --layout colmap --width 300 --hold 7 --out "$out/data/drinks" ;;
+    chess) dofbench make-dataset "$scenes/lightfield_chess" --photographs light-field --width 350 --out "$out/data/chess" ;;
+    room | desk) dofbench make-dataset "$(named $1)" --data-root "$scenes" --width 336 $lens --out "$out/data/$1" ;;
+    vases) dofbench make-dataset "$(named $1)" --data-root "$scenes" --width 189 $lens --out "$out/data/$1" ;;
+    *)
+        dofbench make-scene $1 --seed $(seed $1) --width 252 --height 189 --views 20 --samples 256 --lens-views 0 --out "$out/scenes/$1"
+        dofbench make-dataset "$out/scenes/$1" --renderer thinlens --lens-samples 512 $lens --out "$out/data/$1"
+        ;;
+    esac
+}
+named() { case $1 in desk) echo vr-project/desk ;; *) echo real/$1 ;; esac; }
+seed() { case $1 in spokes) echo 20261101 ;; glaze) echo 20261102 ;; firtree) echo 20261103 ;; attic) echo 20261104 ;; street) echo 20261105 ;; moss) echo 20261106 ;; esac; }
+
+run() { # DATASET METHODS OPTIONS: a run that failed is a row too
+    on=$1 methods=$2
+    shift 2
+    data $on
+    dofbench run --data "$out/data/$on" --method $methods --out "$out/runs" --device cpu "$@" || true
+}
+
+block() {
+    case $1 in
+    published:drinks | published:chess) run ${1#*:} $gaussians,$fields ;;
+    peer:drinks) DOFBENCH_METHODS="$here" DOFBENCH_PEER="$scenes/report/drinks/peer" DOFBENCH_PEER_DATA="$out/data/drinks" run drinks peer ;;
+    published:*) run ${1#*:} $gaussians ;;
+    shared:*) run ${1#*:} $shared --preset cpu-v2 ;;
+    fields:*) run ${1#*:} $fields ;;
+    *) echo "no block $1" >&2 && exit 2 ;;
+    esac
+}
+
+[ $# -gt 0 ] || set -- published:drinks peer:drinks published:attic published:room shared:drinks published:glaze published:chess \
+    shared:attic published:vases published:street shared:room published:desk published:moss shared:glaze published:firtree \
+    published:spokes fields:attic fields:room fields:glaze
+for one in "$@"; do block $one; done
