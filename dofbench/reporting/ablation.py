@@ -154,7 +154,7 @@ def _differences(filled: Filled) -> Iterator[Section]:
         return
     said = (
         f"The row's score minus that of {declared.reference}, view by view over all datasets with equal weights; a "
-        f"cost is paired by dataset and seed. {EXPLANATION}"
+        f"cost is paired by dataset and seed; p of {COLUMNS[filled.tested].label}. {EXPLANATION}"
     )
     rows = tuple(
         (words(row, _signs(filled, row)), *(difference(found[column][row]) for column in columns))

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 
 from dofbench.core.errors import Status
 from dofbench.datasets.format.points_record import points_in_words
+from dofbench.evaluation.comparing.design import undecided
 from dofbench.evaluation.comparing.paired import Side, compare
+from dofbench.evaluation.comparing.pairwise import Pair
 from dofbench.evaluation.comparing.photograph_notes import no_ranking
 from dofbench.evaluation.results.collecting import Collection, Entry, grouped
 from dofbench.evaluation.results.columns import COLUMNS
@@ -28,7 +30,7 @@ _COSTS = {"train_s": "s of training", "render_fps": "frames/s"}
 @dataclass(frozen=True)
 class Verdict:
     """The best variant by the mean of `column`. second: None if there is only one; ahead: their difference. sure: a
-    cell of kind sure or unsure if the two were tested view by view, else untested."""
+    cell of kind sure or unsure if the pair was tested in this column, else untested."""
 
     column: str
     best: Variant
@@ -37,9 +39,11 @@ class Verdict:
     sure: Cell
 
 
-def verdicts(lines: Mapping[Variant, Line], boards: Sequence[Mapping[Variant, Side]]) -> Iterator[Verdict]:
+def verdicts(
+    lines: Mapping[Variant, Line], boards: Sequence[Mapping[Variant, Side]], pairs: Sequence[Pair]
+) -> Iterator[Verdict]:
     """The verdict on each of `HEADLINES` that a row has a score of. lines: of one board, or means over several. boards:
-    the runs of each board's variants."""
+    the runs of each board's variants. pairs: these variants compared, whose p is the only one of a pair."""
     for columns in HEADLINES:
         for column in columns:
             known = {variant: line.cells[column].value for variant, line in lines.items() if column in line.cells}
@@ -50,38 +54,47 @@ def verdicts(lines: Mapping[Variant, Line], boards: Sequence[Mapping[Variant, Si
             elif ranked:
                 (first, best), (second, other) = ranked[:2]
                 sides = [(runs.get(best, ()), runs.get(other, ())) for runs in boards]
-                yield Verdict(column, best, other, second - first, _sure(column, sides))
+                p = next((one.p(column) for one in pairs if {one.one, one.other} == {best, other}), None)
+                yield Verdict(column, best, other, second - first, _sure(column, sides, p))
             if ranked:
                 break
 
 
-def _sure(column: str, sides: Sequence[tuple[Side, Side]]) -> Cell:
-    """How sure a lead is: the paired test over the test views of both variants."""
+def _sure(column: str, sides: Sequence[tuple[Side, Side]], p: float | None) -> Cell:
+    """How sure a lead is: the difference over the test views of both variants. p: of the pair, None if it wasn't tested
+    in this column."""
     compared = compare(sides, column)
     found = compared.difference
     if found is None:
         return Cell(f"not tested: {compared.reason}", "untested")
+    compared = replace(compared, difference=replace(found, p=p))
     seeds = f"{found.seeds} seeds" if found.seeds > 1 else "one seed: the spread over seeds is unknown"
-    shown = difference(compared)
-    cell = replace(shown, text=f"over {found.pairs} test views, {seeds}; {shown.text}", sort=None)
-    if found.p is None:
-        return replace(cell, kind="untested", below="no test, as nothing differs")
+    shown, scenes = difference(compared), f" of {found.groups} scenes" if found.groups > 1 else ""
+    cell = replace(shown, text=f"over {found.pairs} test views{scenes}, {seeds}; {shown.text}", sort=None)
     if shown.test is not None and shown.test.verdict == "better":
         return replace(cell, kind="sure")
-    return replace(cell, kind="unsure", below="not significant")
+    if p is not None:
+        return replace(cell, kind="unsure", below="not significant")
+    if found.above == found.below == 0:
+        return replace(cell, kind="untested", below="nothing differs")
+    return replace(cell, kind="untested", below=undecided(found.pairs, found.groups) or "not tested in this score")
 
 
-def best_table(boards: Sequence[Board]) -> Table:
-    """The best row of the means over each kind's boards, and of every board."""
+def best_table(
+    boards: Sequence[Board], pairs: Mapping[Variant, Sequence[Pair]], of_means: Mapping[str, Sequence[Pair]]
+) -> Table:
+    """The best row of the means over each kind's boards, and of every board. pairs, of_means: as in `build_view`."""
     rows: list[tuple[Cell, ...]] = []
     for kind, scenes in grouped(boards, "kind").items():
         if len(scenes) > 1:
             means = mean_lines(scenes, [*(column for columns in HEADLINES for column in columns), *_COSTS])
-            rows += _rows(f"mean over {len(scenes)} scenes", kind, means, [board.variants for board in scenes])
+            runs = [board.variants for board in scenes]
+            rows += _rows(f"mean over {len(scenes)} scenes", kind, means, runs, of_means[kind])
     for board in boards:
         signs = united(line.signs for line in board.lines.values())
         nobody = cells(words(board.name, signs), board.kind, "none: every run failed, or none has a score")
-        rows += _rows(board.name, board.kind, board.lines, [board.variants]) or [(*nobody, *(Cell(""),) * 5)]
+        own = _rows(board.name, board.kind, board.lines, [board.variants], pairs[board.key])
+        rows += own or [(*nobody, *(Cell(""),) * 5)]
     headings = (
         *word_headings("dataset", "protocol", "best"),
         Heading("PSNR", note="refocused, all in focus, or of photographs", largest_first=True),
@@ -93,11 +106,15 @@ def best_table(boards: Sequence[Board]) -> Table:
 
 
 def _rows(
-    name: str, kind: str, lines: Mapping[Variant, Line], boards: Sequence[Mapping[Variant, Side]]
+    name: str,
+    kind: str,
+    lines: Mapping[Variant, Line],
+    boards: Sequence[Mapping[Variant, Side]],
+    pairs: Sequence[Pair],
 ) -> list[tuple[Cell, ...]]:
     """A row for everything that one can be the best at."""
     rows: list[tuple[Cell, ...]] = []
-    for found in verdicts(lines, boards):
+    for found in verdicts(lines, boards, pairs):
         column, first = COLUMNS[found.column], lines[found.best]
         psnr = replace(score(first.cells[found.column], column), unit="dB")
         ssim = first.cells.get(column.id.replace("psnr", "ssim"))

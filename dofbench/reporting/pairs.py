@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from dofbench.core.evidence import ROLE_NOT_STATED
+from dofbench.evaluation.comparing.design import design_words
 from dofbench.evaluation.comparing.pairwise import Pair, pairwise
 from dofbench.evaluation.results.collecting import grouped
 from dofbench.evaluation.results.columns import COLUMNS, LENS
@@ -38,6 +39,10 @@ def pair_sections(
         counts = {found.pairs for pair in pairs if (found := pair.compared[column].difference)}
         kind, plural = "training" if column in LENS else "test", "" if counts == {1} else "s"
         views[f"{' or '.join(map(str, sorted(counts)))} {kind} view{plural}"] = None
+    said = [f"Over {' and '.join(views)}; p of {COLUMNS[pairs[0].tested].label}; see *{TESTED}*."]
+    if found := [one for pair in pairs if (one := pair.compared[pair.tested].difference) is not None]:
+        scatters = [one.spread for one in found if one.spread]
+        said.append(design_words(max(one.pairs for one in found), max(one.groups for one in found), scatters))
     rows = tuple(
         (
             *(words(" ".join(names[side]), signs[side]) for side in (pair.one, pair.other)),
@@ -47,7 +52,7 @@ def pair_sections(
     )
     headings = (*word_headings("", "minus"), *score_headings(columns))
     table = Table(f"{HEADING}: {caption}", headings, rows, names=2)
-    return (Section(HEADING, (f"Over {' and '.join(views)}; see *{TESTED}*.",), (table,)),)
+    return (Section(HEADING, tuple(filter(None, said)), (table,)),)
 
 
 def comparison_rows(

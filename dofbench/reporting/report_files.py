@@ -34,7 +34,7 @@ PAGES = {"report": "Pictures and tables", "curves": "Error against time", "score
 CURVE_COLUMNS = """method preset dataset protocol seed train_s steps psnr ssim aif_psnr aif_ssim delta_a delta_f delta_r
     loss train_cpu_s photo_psnr photo_ssim across_psnr across_ssim role""".split()
 COMPARISON_COLUMNS = """dataset protocol method preset against_method against_preset column pairs seeds difference low
-    high p verdict reason role""".split()
+    high p verdict reason role groups above below spread""".split()
 REACH_COLUMNS = """method preset dataset scene protocol seed score level reached_s not_before_s held status
     role clock""".split()
 FRONT_COLUMNS = "dataset protocol score train_s value method preset role clock".split()

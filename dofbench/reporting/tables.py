@@ -29,15 +29,16 @@ Kind = Literal["number", "gap", "failed", "words", "published", "sure", "unsure"
 
 @dataclass(frozen=True)
 class DifferenceTest:
-    """The statistics of a difference as text; "" where there are none. one_seed: whether a side was trained only
-    once. spread: standard deviation of the `pairs` single differences."""
+    """The statistics of a difference as text; "" where there are none. wins: on how many views the first is the better.
+    one_seed: whether a side was trained only once. spread: standard deviation of the `units` single differences."""
 
     interval: str
     p: str
     verdict: str
     one_seed: bool
-    pairs: int
+    units: int
     spread: str
+    wins: str = ""
 
 
 @dataclass(frozen=True)
@@ -188,18 +189,20 @@ def published(value: float | None, column: Column, silent: str) -> Cell:
 
 
 def difference(compared: Compared) -> Cell:
-    """A difference with interval, p and verdict, or a gap. A difference that is shown as zero has no verdict."""
+    """A difference with interval, wins, p and verdict, or a gap. A difference that is shown as zero has no verdict."""
     found, column = compared.difference, COLUMNS[compared.column]
     if found is None:
         return gap(compared.reason)
     text, *ends = (f"{value:+.{column.digits}f}" for value in (found.mean, found.low, found.high) if value is not None)
+    wins = {True: found.above, False: found.below, None: None}[column.higher_is_better]
     tested = DifferenceTest(
         interval=f"[{', '.join(ends)}]" if ends else "",
         p="" if found.p is None else "p < 0.001" if found.p < 0.001 else f"p = {found.p:.3f}",
         verdict="" if float(text) == 0 else compared.verdict,
         one_seed=found.seeds < 2,
-        pairs=found.pairs,
+        units=found.units,
         spread="" if found.spread is None else column.text(found.spread),
+        wins="" if wins is None else f"{wins} of {found.pairs}",
     )
     return replace(number(found.mean, text), test=tested)
 

@@ -94,7 +94,7 @@ def build_view(
     tested, claims = Section(TESTED, (EXPLANATION,)) if compared else None, sections.claims_section(entries)
     return ReportView(
         headline=overview.headline(collection),
-        best=overview.best_table(boards),
+        best=overview.best_table(boards, pairs, of_means),
         facts=overview.facts(collection, boards),
         boards=tuple(views),
         means=sections.mean_sections(boards, columns, names, of_means),

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 from dofbench.core.evidence import ROLE_NOT_STATED
 from dofbench.evaluation.comparing.means import Statistic, scene_mean, seed_mean
-from dofbench.evaluation.comparing.paired import Compared, adjusted, compare
+from dofbench.evaluation.comparing.paired import Compared, adjusted, compare, without_p
 from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.run_spec import option_words
 from dofbench.running.ablation_plan import TablePlan
@@ -59,18 +60,30 @@ class Filled:
         found = {dataset: self.cell(row, dataset, column) for dataset in self.datasets}
         return scene_mean(found, self.datasets, [self.runs(row, dataset) for dataset in self.datasets], column)
 
+    @cached_property
+    def tested(self) -> str:
+        """The column in which rows are tested: the first in which one can be compared with the reference."""
+        columns = self.plan.table.columns
+        return next((one for one in columns if any(row.difference for row in self._compared(one).values())), columns[0])
+
     def differences(self, column: str) -> dict[str, Compared]:
-        """Row -> its difference from the reference row in a column, p adjusted over the rows; empty without a
-        reference."""
+        """Row -> its difference from the reference row in a column, with p in the tested one, adjusted over the rows;
+        empty without a reference."""
+        found = self._compared(column)
+        every = adjusted(list(found.values())) if column == self.tested else map(without_p, found.values())
+        return dict(zip(found, every, strict=True))
+
+    def _compared(self, column: str) -> dict[str, Compared]:
         reference = self.plan.table.reference
         if reference is None:
             return {}
-        others = [row for row in self.rows if row != reference]
-        raw = [
-            compare([(self.runs(row, dataset), self.runs(reference, dataset)) for dataset in self.datasets], column)
-            for row in others
-        ]
-        return dict(zip(others, adjusted(raw), strict=True))
+        return {
+            row: compare(
+                [(self.runs(row, dataset), self.runs(reference, dataset)) for dataset in self.datasets], column
+            )
+            for row in self.rows
+            if row != reference
+        }
 
 
 def fill(plan: TablePlan, ended: Ended) -> Filled:

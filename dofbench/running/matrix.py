@@ -15,6 +15,7 @@ from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
 from dofbench.core.jobs import Executor
 from dofbench.core.progress import Terminal, say
+from dofbench.evaluation.comparing.design import undecided
 from dofbench.evaluation.results.run_spec import RunSpec
 from dofbench.running.batch import Batch, processes_for
 from dofbench.running.execution import cached, execute, show_cached
@@ -94,11 +95,19 @@ def _summary(batch: Batch) -> list[str]:
     methods = [f"{plan.spec.method} ({plan.spec.preset})" for plan in plans]
     return [
         f"methods  {listed(methods)}, seeds {listed([plan.spec.seed for plan in plans])}, on {plans[0].spec.device}",
-        f"datasets {listed([plan.spec.dataset for plan in plans])}",
+        f"datasets {listed([plan.spec.dataset for plan in plans])}{_design(plans)}",
         f"budget   {listed([plan.budget for plan in plans])}",
         f"time     {'; '.join(batch.outlook())}",
         f"output   {listed([plan.folder.parent for plan in plans])}",
     ]
+
+
+def _design(plans: Sequence[Plan]) -> str:
+    """What the report won't be able to decide about several methods, before anything runs."""
+    datasets = {plan.spec.dataset_checksum: plan.by_data.test_views for plan in plans}
+    several = len({(plan.spec.method, plan.spec.preset, plan.spec.budget) for plan in plans}) > 1
+    nothing = undecided(sum(datasets.values()), len(datasets)) if several else ""
+    return f"; {nothing}" if nothing else ""
 
 
 def _all_lines(settings: Runs, batch: Batch) -> list[str]:
@@ -117,7 +126,8 @@ def _all_lines(settings: Runs, batch: Batch) -> list[str]:
             words = "to be run again" if words.startswith("cached") else words
             words += ", time unknown" if seconds is None else f", about {seconds:.0f} s"
         lines.append(f"{words}: {plan.settings.command()}")
-    return [*lines, *batch.outlook()]
+    design = [design.removeprefix("; ")] if (design := _design(batch.runs)) else []
+    return [*lines, *design, *batch.outlook()]
 
 
 def _print_table(console: Console, batch: Batch) -> None:

@@ -1,9 +1,10 @@
-"""Paired differences: what is paired, the sign-flip test against scipy and by hand, intervals, and words."""
+"""Paired differences: what is paired, tests and intervals against scipy and by hand, what a design decides, words."""
 
 from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy import stats
 from tolerances import FLIPPED_AT_RANDOM
 
 from dofbench.core.errors import Status
+from dofbench.evaluation.comparing.design import design_words, smallest_found, undecided, units_for
 from dofbench.evaluation.comparing.means import Statistic
 from dofbench.evaluation.comparing.paired import (
     Compared,
@@ -24,6 +26,7 @@ from dofbench.evaluation.comparing.paired import (
     holm,
     sign_flip,
 )
+from dofbench.evaluation.comparing.pairwise import pairwise
 from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.result import Result, Spec, ViewScores
 from dofbench.reporting.boards import Line
@@ -77,18 +80,71 @@ def paired_difference(pairs: list[tuple[float, float]]) -> Difference:
 
 
 def test_a_difference_by_hand() -> None:
+    """2, 1 and 0.5: 1.167 with a standard error of 0.441, and 4.303 as Student's t of two degrees of freedom."""
     found = paired_difference([(3.0, 1.0), (4.0, 3.0), (5.0, 4.5)])
-    assert found.pairs == 3 and found.mean == pytest.approx(3.5 / 3) and found.low is None and found.p == 0.25
-    assert found.spread == pytest.approx(np.std([2, 1, 0.5], ddof=1))
+    assert (found.pairs, found.units, found.above, found.below, found.p) == (3, 3, 3, 0, None)
+    assert (found.mean, found.spread) == pytest.approx((3.5 / 3, np.std([2, 1, 0.5], ddof=1)))
+    assert (found.low, found.high) == pytest.approx((1.16667 - 1.89733, 1.16667 + 1.89733), abs=1e-4)
     seeds = grouped_difference([(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([[0.0, 1.0]]))])
     assert (seeds.pairs, seeds.mean, seeds.seeds) == (2, 2.0, 1)
 
 
-def test_every_group_weighs_the_same() -> None:
+def test_every_scene_weighs_the_same() -> None:
     few, many = (np.full((1, 2), 3.0), np.zeros((1, 2))), (np.full((1, 8), 1.0), np.zeros((1, 8)))
     found = grouped_difference([few, many])
-    assert found.mean == pytest.approx(2.0) and found.pairs == 10
-    assert found.p == 2.0**-9 and found.low == pytest.approx(2.0) == found.high
+    assert found.mean == pytest.approx(2.0) and (found.pairs, found.groups, found.units, found.above) == (10, 2, 2, 10)
+
+
+@given(st.lists(st.lists(st.floats(-50, 50), min_size=1, max_size=4), min_size=3, max_size=7))
+def test_over_scenes_interval_and_p_are_those_of_scipy_of_the_scenes_means(scenes: list[list[float]]) -> None:
+    """How many views a scene has, and how they scatter, is no matter."""
+    groups = [(np.array([views]), np.zeros((1, len(views)))) for views in scenes]
+    means = np.array([np.mean(views) for views in scenes])
+    found = grouped_difference(groups)
+    if means.std() < 1e-6:  # equal but for rounding: scipy's t would be of noise
+        return
+    expected = stats.ttest_1samp(means, 0.0)
+    assert found.p == pytest.approx(expected.pvalue, rel=1e-6, abs=1e-12)
+    assert (found.low, found.high) == pytest.approx(tuple(expected.confidence_interval(0.95)), rel=1e-6, abs=1e-6)
+
+
+def test_p_of_one_scene_is_that_of_the_flipped_signs() -> None:
+    differences = [0.5, 1.0, 0.75, 1.25, 0.25, 2.0, -0.125]
+    found = paired_difference([(one, 0.0) for one in differences])
+    assert found.p == sign_flip(np.array(differences)) and (found.above, found.below) == (6, 1)
+
+
+@pytest.mark.parametrize(
+    ("views", "scenes", "decides"), [(1, 1, False), (5, 1, False), (6, 1, True), (40, 2, False), (9, 3, True)]
+)
+def test_p_and_words_say_alike_what_a_design_can_decide(views: int, scenes: int, decides: bool) -> None:
+    values = np.random.default_rng(views).normal(1.0, 0.3, views)
+    found = grouped_difference([(part[None], np.zeros((1, len(part)))) for part in np.array_split(values, scenes)])
+    assert (found.p is not None) is decides and bool(undecided(views, scenes)) is not decides
+    words = design_words(views, scenes, [0.5])
+    assert ("can't decide" in words) is not decides
+
+
+def test_three_views_of_one_scene_are_told_how_many_would_do() -> None:
+    assert undecided(3, 1) == "3 test views of one scene can't decide (p ≥ 0.25 whatever happens): 6 would, or 3 scenes"
+
+
+@pytest.mark.parametrize("units", [2, 3, 6, 9, 30])
+def test_the_smallest_difference_found_is_found_in_four_cases_of_five(units: int) -> None:
+    """By drawing: at that size four of five tests find it."""
+    smallest = smallest_found(0.7, units)
+    drawn = np.random.default_rng(units).normal(smallest, 0.7, (20_000, units))
+    assert np.mean(stats.ttest_1samp(drawn, 0.0, axis=1).pvalue < 0.05) == pytest.approx(0.8, abs=0.015)
+
+
+@given(st.floats(0.05, 3.0), st.floats(0.1, 3.0))
+def test_as_many_units_as_are_asked_for_find_the_difference_and_one_fewer_does_not(
+    scatter: float, difference: float
+) -> None:
+    count = units_for(scatter, difference)
+    assert count is not None
+    assert smallest_found(scatter, count) <= difference * (1 + 1e-6)
+    assert count == 2 or smallest_found(scatter, count - 1) > difference * (1 - 1e-6)
 
 
 @pytest.mark.slow
@@ -109,10 +165,12 @@ def test_seeds_that_disagree_widen_the_interval() -> None:
     assert unsure.mean == pytest.approx(same.mean) and unsure.p == same.p
     assert same.telling and not unsure.telling and unsure.low < 0 < unsure.high
     assert Compared("psnr", same).verdict == "better" and Compared("psnr", unsure).verdict == ""
+    # The seeds' own standard error is 1 / √3, of two degrees of freedom: all but alone in the variance.
+    assert unsure.high - unsure.mean == pytest.approx(stats.t.ppf(0.975, 2) / math.sqrt(3), rel=0.02)
 
 
 def test_what_cannot_be_tested() -> None:
-    assert paired_difference([(2.0, 1.0)]) == Difference(1, 1.0, None, 1.0)
+    assert paired_difference([(2.0, 1.0)]) == Difference(1, 1.0, None, None, above=1)
     assert paired_difference([(2.0, 2.0), (3.0, 3.0)]) == Difference(2, 0.0, 0.0, None)
     assert math.isnan(paired_difference([(math.nan, 1.0), (2.0, 1.0)]).mean)
     infinite = paired_difference([(math.inf, 1.0), (2.0, 1.0)])
@@ -140,25 +198,26 @@ def shown(found: Difference, column: str) -> str:
 @pytest.mark.parametrize(
     ("column", "mean", "p", "text"),
     [
-        ("psnr", 0.314, 0.003, "+0.31 [+0.26, +0.36], p = 0.003, **better**"),
-        ("psnr", -0.314, 0.0002, "-0.31 [-0.36, -0.26], p < 0.001, **worse**"),
-        ("psnr", 0.314, 0.05, "+0.31 [+0.26, +0.36], p = 0.050"),
-        ("delta_a", -0.314, 0.01, "-0.314 [-0.364, -0.264], p = 0.010, **better**"),
-        ("delta_a", 0.314, 0.01, "+0.314 [+0.264, +0.364], p = 0.010, **worse**"),
-        ("psnr", 0.024, 0.01, "+0.02 [-0.03, +0.07], p = 0.010"),
+        ("psnr", 0.314, 0.003, "+0.31 [+0.26, +0.36], 7 of 8, p = 0.003, **better**"),
+        ("psnr", -0.314, 0.0002, "-0.31 [-0.36, -0.26], 7 of 8, p < 0.001, **worse**"),
+        ("psnr", 0.314, 0.05, "+0.31 [+0.26, +0.36], 7 of 8, p = 0.050"),
+        ("delta_a", -0.314, 0.01, "-0.314 [-0.364, -0.264], 1 of 8, p = 0.010, **better**"),
+        ("delta_a", 0.314, 0.01, "+0.314 [+0.264, +0.364], 1 of 8, p = 0.010, **worse**"),
+        ("psnr", 0.024, 0.01, "+0.02 [-0.03, +0.07], 7 of 8, p = 0.010"),
         ("train_s", 3.0, 0.01, "+3.0 [+3.0, +3.0], p = 0.010, more"),
     ],
 )
 def test_a_verdict_stands_only_where_the_test_bears_it(column: str, mean: float, p: float, text: str) -> None:
-    assert shown(Difference(8, mean, 0.1, p, mean - 0.05, mean + 0.05, seeds=3), column) == text
+    found = Difference(8, mean, 0.1, p, mean - 0.05, mean + 0.05, seeds=3, above=7, below=1)
+    assert shown(found, column) == text
 
 
 def test_one_training_and_few_views_are_said() -> None:
     assert shown(Difference(8, 0.004, 0.1, 0.01, 0.003, 0.005, 3), "psnr").endswith("p = 0.010")  # shown as zero
     once = Difference(8, 1.0, 0.1, 0.01, 0.9, 1.1, seeds=1)
     assert shown(once, "psnr").endswith("p = 0.010, **better** (one seed)")
-    assert shown(Difference(3, 1.0, 0.1, 0.25), "psnr") == "+1.00, p = 0.250"
-    assert shown(Difference(8, math.nan, None, None), "psnr") == "+nan"
+    assert shown(Difference(3, 1.0, 0.1, None, 0.5, 1.5, above=3), "psnr") == "+1.00 [+0.50, +1.50], 3 of 3"
+    assert shown(Difference(8, math.nan, None, None), "psnr") == "+nan, 0 of 8"
 
 
 # ---- pairs of runs ----
@@ -171,7 +230,7 @@ def entry(method: str, seed: int, views: dict[str, float], seconds: float, statu
     spec = Spec(method=method, seed=seed, overrides={}, options={}, **NOBODY)
     scored = [ViewScores(name=name, scores={"psnr": value}) for name, value in views.items()]
     scores = {"psnr": sum(views.values()) / max(len(views), 1), "train_s": seconds}
-    return Entry(Path(), spec, "", status, "", Result.model_construct(scores=scores, views=scored))
+    return Entry(Path(), spec, "", status, "", Result.model_construct(scores=scores, views=scored, lens=[]))
 
 
 ONE = [entry("a", seed, {"v0": 30.0 + seed, "v1": 33.0}, 100.0 + 10 * seed) for seed in (0, 1, 2)]
@@ -214,12 +273,41 @@ def test_what_cannot_be_paired_says_why(other: list[Entry], column: str, reason:
 
 
 def test_a_gap_among_comparisons_is_not_counted_among_them() -> None:
-    """Holm's adjustment is over those that were tested: 1/2 stays twice as large as it is for two of them."""
-    gap, tested = compare([(ONE, [])], "psnr"), compare([(ONE, OTHER)], "psnr")
-    assert tested.difference is not None and tested.difference.p == 0.5
+    """Holm's adjustment is over those that were tested: 1/64 stays twice as large as it is for two of them."""
+    six, none = (
+        [entry(method, 0, {f"v{n}": value for n in range(6)}, 1.0)] for method, value in (("a", 31.0), ("b", 30.0))
+    )
+    gap, tested = compare([(six, [])], "psnr"), compare([(six, none)], "psnr")
+    assert tested.difference is not None and tested.difference.p == 2 / 64
     p = [one.difference and one.difference.p for one in adjusted([gap, tested, gap])]
-    assert p == [None, 0.5, None]
-    assert [one.difference and one.difference.p for one in adjusted([tested, gap, tested])] == [1.0, None, 1.0]
+    assert p == [None, 2 / 64, None]
+    assert [one.difference and one.difference.p for one in adjusted([tested, gap, tested])] == [4 / 64, None, 4 / 64]
+
+
+def test_a_pair_has_one_p() -> None:
+    """In the first PSNR that most pairs have; all other scores have their intervals alone."""
+    random = np.random.default_rng(3)
+
+    def of(method: str, *columns: str) -> list[Entry]:
+        scored = [
+            ViewScores(name=f"v{n}", scores={column: 30 + random.normal() for column in columns}) for n in range(8)
+        ]
+        return [replace(entry(method, 0, {}, 1.0), result=Result.model_construct(scores={}, views=scored, lens=[]))]
+
+    runs = {
+        "a": of("a", "psnr", "ssim", "aif_psnr"),
+        "b": of("b", "psnr", "ssim", "aif_psnr"),
+        "c": of("c", "aif_psnr"),
+    }
+    board = {made[0].variant: made for made in runs.values()}
+    with_c = pairwise([board])
+    assert {pair.tested for pair in with_c} == {"aif_psnr"}
+    without_c = pairwise([{key: made for key, made in board.items() if made != runs["c"]}])
+    assert {pair.tested for pair in without_c} == {"psnr"}
+    for pair in (*with_c, *without_c):
+        tested = [column for column, one in pair.compared.items() if one.difference and one.difference.p is not None]
+        assert tested == [pair.tested]
+        assert all(one.difference is None or one.difference.low is not None for one in pair.compared.values())
 
 
 # ---- which is best ----
@@ -244,9 +332,8 @@ def lines(entries: list[Entry]) -> dict[tuple[str, ...], Line]:
 
 def verdict(found: dict[tuple[str, ...], Line], *boards: list[Entry]) -> Verdict:
     """The only verdict on one table."""
-    (told,) = verdicts(
-        found, [{variant: [e for e in runs if e.variant == variant] for variant in found} for runs in boards]
-    )
+    runs = [{variant: [e for e in entries if e.variant == variant] for variant in found} for entries in boards]
+    (told,) = verdicts(found, runs, pairwise([{key: own for key, own in one.items() if own} for one in runs]))
     return told
 
 
@@ -257,7 +344,7 @@ def test_the_lead_is_tested_view_by_view() -> None:
     found = verdict(lines(entries), entries)
     assert (found.best, found.second, found.sure.kind) == (A, B, "sure") and found.ahead == pytest.approx(1.0)
     # All eight differences have one sign: of 2 ** 8 choices of signs, two are as extreme.
-    assert found.sure.text == "over 8 test views, 3 seeds; +1.00"
+    assert found.sure.text == "over 8 test views, 3 seeds; +1.00" and found.sure.test.wins == "8 of 8"
     assert (found.sure.test.p, found.sure.test.verdict) == (f"p = {2 / 2**8:.3f}", "better")
 
 
@@ -265,7 +352,7 @@ def test_the_lead_is_tested_view_by_view() -> None:
     ("one", "other", "status", "kind"),
     [
         (VIEWS, [v + d for v, d in zip(VIEWS, (3, -2, 1, -1, 2, -1, 0.5, -0.5), strict=True)], Status.OK, "unsure"),
-        ([30.0, 33.0, 29.0], [29.0, 31.0, 28.0], Status.OK, "unsure"),  # too few views
+        ([30.0, 33.0, 29.0], [29.0, 31.0, 28.0], Status.OK, "untested"),  # too few views
         (VIEWS, [v - 1 for v in VIEWS], Status.CRASHED, "untested"),
     ],
 )
@@ -275,7 +362,8 @@ def test_a_lead_that_the_test_does_not_support_is_not_sure(
     entries = [run("a", one), run("b", other, status=status)]
     found = verdict(lines(entries), entries)
     assert found.best == (A if sum(one) > sum(other) else B) and found.sure.kind == kind
-    assert kind == "untested" or "one seed" in found.sure.text
+    assert status is not Status.OK or "one seed" in found.sure.text
+    assert ("3 test views of one scene can't decide" in found.sure.below) is (len(one) == 3)
 
 
 def test_a_gap_is_no_rival() -> None:
@@ -289,14 +377,17 @@ def test_a_gap_is_no_rival() -> None:
     assert (told.best, told.second, told.sure.text) == (B, None, "nothing to compare it with")
 
 
-def test_a_mean_is_tested_over_the_views_of_all_scenes() -> None:
-    """Three views are too few on one scene; six of two scenes are enough."""
-    one = [run("a", [30.0, 33.0, 29.0]), run("b", [29.0, 31.5, 28.2])]
-    two = [run("a", [20.0, 23.0, 19.0]), run("b", [19.1, 21.8, 17.9])]
-    found = verdict(lines(one + two), one, two)
+def test_a_mean_is_tested_over_scenes() -> None:
+    """Three views are too few on one scene, six of two scenes tell nothing of scenes; three scenes are enough."""
+    one = [run("a", [30.0, 33.0, 29.0]), run("b", [29.0, 31.9, 28.0])]
+    two = [run("a", [20.0, 23.0, 19.0]), run("b", [19.1, 21.9, 18.0])]
+    three = [run("a", [25.0, 24.0]), run("b", [24.0, 22.9])]
+    found = verdict(lines(one + two + three), one, two, three)
     assert (found.best, found.second, found.sure.kind) == (A, B, "sure")
-    assert found.sure.text.startswith("over 6 test views") and found.sure.test.p == f"p = {2 / 2**6:.3f}"
-    assert verdict(lines(one), one).sure.kind == "unsure"
+    assert found.sure.text.startswith("over 8 test views of 3 scenes")
+    few = verdict(lines(one + two), one, two)
+    assert few.sure.kind == "untested" and "2 scenes can't decide" in few.sure.below
+    assert verdict(lines(one), one).sure.kind == "untested"
     assert verdict(lines(one), one, two[:1]).sure.kind == "untested"  # one of them wasn't run on a scene
 
 
@@ -305,8 +396,8 @@ def test_every_thing_to_be_best_at_has_a_verdict() -> None:
         return Line(name, "", "", {column: Statistic(scores.get(column)) for column in ("psnr", "aif_psnr", *scores)})
 
     table = {A: line("a", psnr=30.0, aif_psnr=24.0), B: line("b", aif_psnr=25.0), C: line("c", psnr=29.0)}
-    told = [(one.column, one.best, one.second) for one in verdicts(table, [{}])]
+    told = [(one.column, one.best, one.second) for one in verdicts(table, [{}], [])]
     assert told == [("psnr", A, C), ("aif_psnr", B, A)]
-    assert [one.column for one in verdicts({A: line("a", photo_psnr=20.0, across_psnr=21.0)}, [])] == ["photo_psnr"]
-    assert [one.column for one in verdicts({A: line("a", across_psnr=21.0)}, [])] == ["across_psnr"]
-    assert list(verdicts({A: line("a")}, [])) == []
+    assert [one.column for one in verdicts({A: line("a", photo_psnr=20.0, across_psnr=21.0)}, [], [])] == ["photo_psnr"]
+    assert [one.column for one in verdicts({A: line("a", across_psnr=21.0)}, [], [])] == ["across_psnr"]
+    assert list(verdicts({A: line("a")}, [], [])) == []

@@ -1,9 +1,9 @@
-"""Paired differences between runs: which values are paired, their confidence interval, test and verdict.
+"""Paired differences between runs: what is paired, by which model they are judged, and when nothing can be decided.
 
-Scores of two methods are correlated over test views, so they are compared view by view. Views are few and the
-distribution of their errors is unknown: the mean difference is tested by a permutation test that flips the signs of the
-per-view differences (Fisher, The Design of Experiments, 1935, section 21). It is exact for any number of views n, but
-p is never below 2 ^ (1 - n).
+Scores of two methods are correlated over test views, so they are compared view by view. On one scene a view's
+difference is a mean plus the scatter of views and of trainings, and what is found holds for views of this scene. Over
+scenes, a scene's difference is a mean plus the scatter of scenes: views of one scene aren't independent, so the scenes
+are the sample, and what is found holds for scenes like these.
 """
 
 from __future__ import annotations
@@ -15,27 +15,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dofbench.core.errors import Status
+from dofbench.evaluation.comparing.design import SIGNIFICANT, undecided
 from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.columns import COLUMNS, COST
 from dofbench.evaluation.results.protocol import LENS_COLUMNS, arithmetic_mean
 
-SIGNIFICANT = 0.05
-FEWEST = 6  # fewest pairs for which p can be below `SIGNIFICANT`: 2 ** (1 - 6) = 0.031
 CONFIDENCE = 0.95  # confidence level of the interval
 _EXACT = 16  # largest number of pairs for which all choices of signs are tested: 65536
 _FLIPS, _TIMES = 10_000, 10  # random choices of signs for more pairs, in batches
-_RESAMPLES = 5_000  # samples of the bootstrap
 _SEED = 0  # fixed, so that the same results give the same report
 _TIE = 1e-12  # relative difference up to which sums taken in different order count as equal
 
 EXPLANATION = (
-    "A difference is the mean over the same views of both methods, seeds averaged first. In brackets: its 95 % "
-    "confidence interval by the bootstrap over views and, where there are several, seeds; none below six views, where "
-    "it would be too narrow. p: two-sided permutation test that flips the signs of the per-view differences, exact for "
-    "few views; with n views p ≥ 2^(1−n), so fewer than six views can't be significant. p is adjusted for the "
-    "comparisons of a column (Holm). *Better* and *worse* (for a cost: *more* and *less*) are given only where "
-    'p < 0.05 and the interval excludes zero. "One seed" warns that another training could change the result. '
-    "Views of a scene are correlated and scenes are not a random sample: p applies to these views, not to other scenes."
+    "A difference is the mean over the same views of both methods; seeds are averaged first, and every scene has the "
+    "same weight. In brackets: its 95 % interval by Student's t. Behind it: on how many views the first is the "
+    "better. On one scene the model is a mean plus normal scatter of views and, where there are several, of seeds "
+    "(Satterthwaite's degrees of freedom); the interval is about views of this scene. Over scenes it is a mean plus "
+    "normal scatter of scenes, of which the scenes' means are the sample: the interval is about scenes like these, "
+    "and wide where they are few. A pair has one p, in the score that is named with its table: over scenes of the "
+    "t-test, on one scene of the permutation test that flips the signs of the views' differences, which needs no "
+    "normal scatter; adjusted for the number of pairs (Holm). There is none where the design can't decide: below six "
+    "views of one scene, where such a test has p ≥ 2^(1−n) whatever happens, and for two scenes. *Better* and *worse* "
+    '(for a cost: *more* and *less*) are given only where p < 0.05 and the interval excludes zero. "One seed" warns '
+    "that another training could change the result."
 )
 
 Group = tuple[np.ndarray, np.ndarray]
@@ -46,9 +48,11 @@ Side = Sequence[Entry]  # the seeds of one variant on one dataset
 class Difference:
     """Statistics of paired differences.
 
-    mean: over groups of the mean over each group's pairs. spread: sample standard deviation, None for a single pair.
-    p: of the sign-flip test, None if all differences are zero or one isn't finite. low, high: ends of the interval,
-    None below `FEWEST` pairs. seeds: trainings on the side that has fewer.
+    pairs: views, or seeds of a cost, in all. mean: over groups of the mean over each group's pairs. spread: sample
+    standard deviation of the units, which are the pairs of one group or the means of several; None for a single one.
+    p: None where the design can't decide (`undecided`), all differences are zero, or one isn't finite. low, high: ends
+    of the interval, None for a single unit. seeds: trainings on the side that has fewer. groups: scenes. above, below:
+    pairs whose difference is above and below zero.
     """
 
     pairs: int
@@ -58,6 +62,14 @@ class Difference:
     low: float | None = None
     high: float | None = None
     seeds: int = 1
+    groups: int = 1
+    above: int = 0
+    below: int = 0
+
+    @property
+    def units(self) -> int:
+        """How many differences the interval is estimated from."""
+        return self.groups if self.groups > 1 else self.pairs
 
     @property
     def telling(self) -> bool:
@@ -113,6 +125,12 @@ def adjusted(compared: Sequence[Compared]) -> list[Compared]:
     ]
 
 
+def without_p(compared: Compared) -> Compared:
+    """The comparison in a score in which the pair isn't tested."""
+    found = compared.difference
+    return compared if found is None else replace(compared, difference=replace(found, p=None))
+
+
 def grouped_difference(groups: Sequence[Group]) -> Difference:
     """Compare paired values; every group (the views of a scene) has the same weight in the mean.
 
@@ -125,20 +143,62 @@ def grouped_difference(groups: Sequence[Group]) -> Difference:
     groups = [group for group in groups if group[0].size and group[1].size]
     if not groups:
         raise ValueError("paired difference: expected at least one pair, found none")
-    count = sum(values.shape[1] for values, _ in groups)
-    seeds = min(min(len(values), len(reference)) for values, reference in groups)
     with np.errstate(invalid="ignore"):  # the difference of two infinities is NaN, and is shown as NaN
         differences = [values.mean(axis=0) - reference.mean(axis=0) for values, reference in groups]
-    mean = arithmetic_mean([arithmetic_mean(one.tolist()) for one in differences])
-    # With these weights the plain mean over all pairs is the mean over groups.
-    weighted = np.concatenate([one * (count / (len(groups) * len(one))) for one in differences])
-    if not np.isfinite(weighted).all():
-        return Difference(count, mean, None, None, seeds=seeds)
-    spread = float(np.concatenate(differences).std(ddof=1)) if count > 1 else None
-    if not np.any(weighted):
-        return Difference(count, mean, spread, None, seeds=seeds)
-    low, high = _interval(groups) if count >= FEWEST else (None, None)
-    return Difference(count, mean, spread, sign_flip(weighted), low, high, seeds)
+    every = np.concatenate(differences)
+    units = differences[0] if len(groups) == 1 else np.array([arithmetic_mean(one.tolist()) for one in differences])
+    found = Difference(
+        len(every),
+        arithmetic_mean(units.tolist()),
+        None,
+        None,
+        seeds=min(min(len(values), len(reference)) for values, reference in groups),
+        groups=len(groups),
+        above=int(np.count_nonzero(every > 0)),
+        below=int(np.count_nonzero(every < 0)),
+    )
+    if not np.isfinite(units).all() or len(units) == 1:
+        return found
+    found = replace(found, spread=float(units.std(ddof=1)))
+    if not np.any(units):
+        return found
+    parts = [_Part(float(units.var(ddof=1)) / len(units), len(units) - 1)]
+    if len(groups) == 1:  # over scenes, trainings differ from scene to scene, so their scatter is in the scenes'
+        parts += [part for side in groups[0] if (part := _Part.of_seeds(side)) is not None]
+    low, high, p = _by_t(found.mean, parts)
+    if undecided(found.pairs, found.groups):
+        p = None
+    elif len(groups) == 1:
+        p = sign_flip(units)
+    return replace(found, low=low, high=high, p=p)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A part of the variance of a mean, and its degrees of freedom."""
+
+    variance: float
+    freedom: int
+
+    @classmethod
+    def of_seeds(cls, side: np.ndarray) -> _Part | None:
+        """What the scatter of trainings adds, by their means over the views; None for a single training. side: (S, n)
+        scores."""
+        count = len(side)
+        return None if count < 2 else cls(float(side.mean(axis=1).var(ddof=1)) / count, count - 1)
+
+
+def _by_t(mean: float, parts: Sequence[_Part]) -> tuple[float, float, float]:
+    """(low, high, p) of a mean whose variance is the sum of the parts, by Student's t with the degrees of freedom of
+    Satterthwaite, Biometrics Bulletin 1946."""
+    from scipy import stats
+
+    variance = math.fsum(part.variance for part in parts)
+    if variance == 0:
+        return mean, mean, 0.0
+    freedom = 1 / math.fsum((part.variance / variance) ** 2 / part.freedom for part in parts)
+    half = float(stats.t.ppf((1 + CONFIDENCE) / 2, freedom)) * math.sqrt(variance)
+    return mean - half, mean + half, float(2 * stats.t.sf(abs(mean) / math.sqrt(variance), freedom))
 
 
 def sign_flip(differences: np.ndarray) -> float:
@@ -167,22 +227,6 @@ def holm(values: Sequence[float | None]) -> list[float | None]:
         largest = max(largest, min(1.0, (len(known) - rank) * p))
         adjusted[index] = largest
     return adjusted
-
-
-def _interval(groups: Sequence[Group]) -> tuple[float, float]:
-    """Percentile bootstrap interval (Efron 1979): units are resampled within their group, seeds on each side
-    independently."""
-    random = np.random.default_rng(_SEED)
-    means = np.zeros(_RESAMPLES)
-    for values, reference in groups:
-        units = random.integers(0, values.shape[1], (_RESAMPLES, values.shape[1]))
-        for side, sign in ((values, 1.0), (reference, -1.0)):
-            # Mean over the resampled seeds of every unit, then over the resampled units.
-            seeds = random.integers(0, len(side), (_RESAMPLES, len(side)))
-            shares = np.stack([np.mean(seeds == seed, axis=1) for seed in range(len(side))], axis=1)
-            means += sign * np.take_along_axis(shares @ side, units, axis=1).mean(axis=1) / len(groups)
-    low, high = np.quantile(means, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
-    return float(low), float(high)
 
 
 def _by_view(one: Side, other: Side, column: str) -> Group | str:

@@ -8,10 +8,13 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dofbench.evaluation.comparing.paired import Compared, adjusted, compare
+from dofbench.evaluation.comparing.paired import Compared, adjusted, compare, without_p
 from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.columns import ALL_IN_FOCUS, DEPTH, LENS, PHOTOGRAPH, REFOCUS
 from dofbench.evaluation.results.protocol import arithmetic_mean
+
+# A pair is tested in one of these, the first that most pairs have.
+TESTED = ("psnr", "aif_psnr", "photo_psnr", "across_psnr")
 
 Variant = tuple[str, ...]  # `Entry.variant`
 Seeds = Mapping[Variant, Sequence[Entry]]  # the seeds of each variant on one dataset
@@ -23,27 +26,41 @@ EVERY_PAIR = 8
 
 @dataclass(frozen=True)
 class Pair:
-    """Two variants, and their differences by column."""
+    """Two variants, and their differences by column. tested: the column whose difference has the pair's p."""
 
     one: Variant
     other: Variant
     compared: dict[str, Compared]
+    tested: str
+
+    def p(self, column: str) -> float | None:
+        """The pair's p, where this is the column that it is tested in."""
+        found = self.compared[column].difference
+        return None if found is None else found.p
 
 
 def pairwise(datasets: Sequence[Seeds], against: Collection[str] = ()) -> list[Pair]:
-    """Compare the variants that every dataset has in every score; p is adjusted over the pairs of a column. against:
-    ids of methods that all are compared with."""
+    """Compare the variants that every dataset has in every score, and test each pair in one (`TESTED`), p adjusted over
+    the pairs. against: ids of methods that all are compared with."""
     whole = [variant for variant in _ranked(datasets) if all(variant in seeds for seeds in datasets)]
     pairs = list(itertools.combinations(whole, 2))
     if len(whole) > EVERY_PAIR:
         rivals = {variant for variant in whole if datasets[0][variant][0].spec.method in against} | {whole[0]}
         pairs = [pair for pair in pairs if rivals & set(pair)]
-    found: list[dict[str, Compared]] = [{} for _ in pairs]
-    for column in (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH, *LENS, *DEPTH):
-        raw = [compare([(seeds[one], seeds[other]) for seeds in datasets], column) for one, other in pairs]
-        for compared, one in zip(found, adjusted(raw), strict=True):
-            compared[column] = one
-    return [Pair(*pair, compared) for pair, compared in zip(pairs, found, strict=True)]
+    columns = (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH, *LENS, *DEPTH)
+    raw = {
+        column: [compare([(seeds[one], seeds[other]) for seeds in datasets], column) for one, other in pairs]
+        for column in columns
+    }
+    tested = max(TESTED, key=lambda column: sum(one.difference is not None for one in raw[column]))
+    found = {
+        column: adjusted(every) if column == tested else [without_p(one) for one in every]
+        for column, every in raw.items()
+    }
+    return [
+        Pair(*pair, {column: every[place] for column, every in found.items()}, tested)
+        for place, pair in enumerate(pairs)
+    ]
 
 
 def with_the_best(pairs: Sequence[Pair], variants: int) -> Sequence[Pair]:
