@@ -15,6 +15,7 @@ from dofbench.datasets.format.points_record import PointsRecord, points_in_words
 from dofbench.evaluation.results.protocol import (
     EXIF_COLUMNS,
     EXIF_FOCUS_COLUMNS,
+    FIT_CEILING,
     LENS_COLUMNS,
     OF_LENSES,
     WITHOUT_LENS,
@@ -278,8 +279,10 @@ def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], missi
     elif no_lens:
         lensless = f"{WITHOUT_LENS}: lens disabled: {no_lens}"
     no_depth = "" if capabilities.depth else "the method renders no depth"
+    unseen = "" if capabilities.training_views else "the method has no pictures of training views"
     reasons = (
         (tuple(column for column in protocol.photograph if column in OF_LENSES), lensless),
+        ((FIT_CEILING,) if protocol.photograph else (), unseen),
         (protocol.refocus_columns, refocus),
         (protocol.all_in_focus_columns, missing.all_in_focus),
         (LENS_COLUMNS, lens),

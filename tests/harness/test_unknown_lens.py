@@ -204,6 +204,21 @@ def test_bounds_stand_beside_the_score_and_the_page_says_what_cannot_rank(
     assert any("no_ranking: no reason, though" in line for line in check_result(file.parent).problems)
 
 
+def test_pictures_of_test_views_alone_are_scored(call: Callable[..., Outcome], tmp_path: Path) -> None:
+    """A method whose pictures others made has none of training views, and isn't asked for them."""
+    card, code = ((tmp_path / "methods" / "pinhole" / name) for name in ("method.toml", "trainer.py"))
+    card.write_text(card.read_text().replace("[capabilities]", "[capabilities]\ndepth = false\ntraining_views = false"))
+    asked = tmp_path / "asked"
+    told = f"    def render(self, camera, lens):\n        open({str(asked)!r}, 'a').write(f'{{camera.centre}}\\n')"
+    code.write_text(code.read_text().replace("    def render(self, camera, lens):", told))
+    data = write_dataset(tmp_path / "photographs", name="seal", unknown=EVERY, blurred=EVERY, flat=EVERY, exact=False)
+    result = read_result(call(method="pinhole", data=data).folder)
+    assert result.status is Status.OK and "photo_psnr" in result.scores and "photo_fit_psnr" not in result.scores
+    assert "no pictures of training views" in result.left_out["photo_fit_psnr"]
+    dataset = Dataset.load(data)
+    assert set(asked.read_text().splitlines()) == {str(view.camera.centre) for view in dataset.test_views()}
+
+
 def test_a_prediction_that_isnt_finite_is_a_failure(call: Callable[..., Outcome], tmp_path: Path) -> None:
     data = write_dataset(tmp_path / "photographs", name="seal", unknown=EVERY, blurred=EVERY, flat=EVERY, exact=False)
     result = read_result(call(data=data, set=("trouble=hole",)).folder)

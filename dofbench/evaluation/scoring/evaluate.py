@@ -196,7 +196,8 @@ class Evaluator:
         """Announce all views to a method that renders them together."""
         if not isinstance(self._method, RendersAhead):
             return
-        sharp = [*self._test, *(self._train if self._resolvable() or self._photographs() else ())]
+        trained = self._resolvable() or (self._photographs() and FIT_CEILING not in self._left_out)
+        sharp = [*self._test, *(self._train if trained else ())]
         views: list[tuple[Camera, PhysicalLens | None]] = [(view.camera, None) for view in sharp]
         if self._metrics("refocus"):
             views += [(view.camera, view.physical_lens) for view in self._test]
@@ -231,7 +232,7 @@ class Evaluator:
         self, found: Evaluation, energy: float | None, circles: ResolvedCircles | None, progress: Update
     ) -> None:
         """The fit ceiling, and whether the dataset can rank lenses. energy: its share, None where no lens was tried."""
-        views = fit_views(self._dataset)
+        views = () if FIT_CEILING in self._left_out else fit_views(self._dataset)
         counted = _Counted(progress, "predict training photographs", len(views))
         ceiling = fit_ceiling(self._method, self._dataset, counted.each(views), no_lens=self._no_lens())
         if ceiling is not None:

@@ -156,8 +156,8 @@ def fit_views(dataset: BenchmarkDataset) -> list[BenchmarkView]:
 def fit_ceiling(
     method: Method, dataset: BenchmarkDataset, views: Iterable[BenchmarkView], *, no_lens: str
 ) -> float | None:
-    """Mean PSNR of training photographs, at least one, predicted by the rules for test photographs, dB: what the model
-    fits of what it has seen. None for a non-finite rendering. no_lens: as `scored_photographs`."""
+    """Mean PSNR of training photographs, predicted by the rules for test photographs, dB: what the model fits of what
+    it has seen. None without any, and for a non-finite rendering. no_lens: as `scored_photographs`."""
     training, learned = dataset.training_views(), method.lens_estimates()
     foci = [lens.focus_disparity for lens in (learned or {}).values()]
     psnr = []
@@ -168,7 +168,7 @@ def fit_ceiling(
         if found.picture is None:
             return None
         psnr.append(masked_psnr(found.picture, photograph, found.tiles.scored))
-    return float(np.mean(psnr))
+    return float(np.mean(psnr)) if psnr else None
 
 
 def _as_trained(
