@@ -2,7 +2,8 @@
 
 Presets are tuned on *tuning scenes* ("development" in files). On *test scenes* ("report" in files) only fixed presets
 are run. Images blurred by the renderer that a method trains with flatter this method (an "inverse crime": Colton and
-Kress, Inverse Acoustic and Electromagnetic Scattering Theory), so the source of the defocus is reported.
+Kress, Inverse Acoustic and Electromagnetic Scattering Theory), so the source of the defocus is reported, and with it
+which methods share its model.
 """
 
 from __future__ import annotations
@@ -22,12 +23,14 @@ ROLE_SAYS: dict[Role | None, str] = {
 }
 PHOTOGRAPHER_SAYS: dict[Photographer | None, str] = {
     "light-field": (
-        "Real defocus by known lenses: averages of the real views in round windows of a light field, independent of "
-        "every method's renderer."
+        "Real views, ideal lenses: averages of the views in round windows of a light field. Pixels and occlusion are "
+        "real; the geometry is that of a thin lens, which methods with aperture samples (LensSelect, LensNeRF) train "
+        "through too."
     ),
     "thinlens": (
-        "Rendered with a thin-lens camera (ray-traced defocus): many rays a pixel through aperture samples and the "
-        "scene's geometry, independent of every method's renderer."
+        "Rendered with an ideal thin-lens camera: many rays a pixel through aperture samples and the scene's geometry. "
+        "No method has this renderer, but methods with aperture samples (LensSelect, LensNeRF) train through the same "
+        "model of a lens, which flatters them against a real one."
     ),
     "unknown": "Real defocus: the images came with the scene; their lenses are unknown.",
     "layered": (
