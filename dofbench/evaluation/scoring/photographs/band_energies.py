@@ -53,6 +53,17 @@ def band_ratios(prediction: np.ndarray, photograph: np.ndarray, tiles: Tiles) ->
     return BandRatios((10 * np.log10((alike + floor) / (true_energy + floor)))[:, textured])
 
 
+def band_energy(image: np.ndarray, band: float, tiles: Tiles) -> np.ndarray:
+    """(H, W): the local energy of one of `BANDS` in the luma of an image, (H, W, 3), averaged over scored pixels; zero
+    where there is none near."""
+    from scipy.ndimage import gaussian_filter
+
+    sigma, scored = WINDOW * tiles.side, tiles.scored.astype(np.float64)
+    weight = gaussian_filter(scored, sigma)
+    total = gaussian_filter(_band(image @ LUMA, band) ** 2 * scored, sigma)
+    return np.divide(total, weight, out=np.zeros_like(total), where=weight > 1e-6)
+
+
 def _energies(luma: np.ndarray, tiles: Tiles) -> tuple[np.ndarray, np.ndarray]:
     """At the scored pixels: the energy of each band, (bands, P), and the mean, (P,)."""
     from scipy.ndimage import gaussian_filter
