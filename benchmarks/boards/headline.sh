@@ -24,8 +24,8 @@ lens="--focus 0.2,0.5,0.8 --aperture 0.5,1.0"
 data() { # NAME: makes the dataset if it isn't there
     [ -f "$out/data/$1/dataset.json" ] && return
     case $1 in
-    drinks) dofbench make-dataset "$scenes/report/drinks" --photographs shallow --layout colmap --width 300 --hold 7 --out "$out/data/drinks" ;;
-    chess) dofbench make-dataset "$scenes/lightfield_chess" --photographs light-field --width 350 --out "$out/data/chess" ;;
+    drinks) dofbench make-dataset drinks --data-root "$scenes" --photographs shallow --width 300 --out "$out/data/drinks" ;;
+    chess) dofbench make-dataset light-field/chess --data-root "$scenes" --photographs light-field --width 350 --out "$out/data/chess" ;;
     room | desk) dofbench make-dataset "$(named $1)" --data-root "$scenes" --width 336 $lens --out "$out/data/$1" ;;
     vases) dofbench make-dataset "$(named $1)" --data-root "$scenes" --width 189 $lens --out "$out/data/$1" ;;
     *)
@@ -51,6 +51,7 @@ block() {
     published:*) run ${1#*:} $gaussians ;;
     shared:*) run ${1#*:} $shared --preset cpu-v2 ;;
     fields:*) run ${1#*:} $fields ;;
+    sharp:*) run ${1#*:} lensselect --inputs all-in-focus --set sh_degree=3 ;;
     *) echo "no block $1" >&2 && exit 2 ;;
     esac
 }
