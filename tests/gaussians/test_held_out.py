@@ -15,11 +15,12 @@ from tolerances import FLOAT32_SCALAR, PSNR_OF_FLOAT32
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import InputError
+from dofbench.core.held_out import TILE, held_out_tiles, tile_scores
 from dofbench.core.images import resize
 from dofbench.core.masks import touched
 from dofbench.core.similarity import psnr, ssim
 from dofbench.training.common import losses
-from dofbench.training.common.held_out import TILE, held_out_mask, held_out_scores, held_out_tiles, tile_scores
+from dofbench.training.common.held_out import held_out_mask, held_out_scores
 from dofbench.training.gaussians.trainer import Trainer
 
 

@@ -1,8 +1,7 @@
 """Held-out pixels: tiles of the training views that no colour loss uses, kept for scoring settings against each other.
 
-A tile is so wide that most of its pixels are out of reach of the loss's window around the pixels used, and so small
-that other views, and the light that a lens spreads, still determine its content. Sparse points, depth priors and the
-first Gaussians' colours come from the whole images, so only trainings with the same of these can be compared.
+Sparse points, depth priors and the first Gaussians' colours come from the whole images, so only trainings with the same
+of these can be compared.
 """
 
 from __future__ import annotations
@@ -15,11 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dofbench.core.held_out import held_out_tiles, tile_scores
 from dofbench.core.masks import touched
-from dofbench.core.similarity import ssim_map
-
-TILE = 16  # px, at full size
-_WINDOW_REACH = 5  # px, half width of SSIM's window
 
 
 @dataclass(frozen=True)
@@ -32,17 +28,6 @@ class HeldOutScores:
     psnr: float
     ssim: float
     views: Mapping[str, tuple[float, float]]
-
-
-def held_out_tiles(height: int, width: int, share: float, seed: int, view: int) -> np.ndarray:
-    """(height, width) bool: the held-out pixels of view number `view`: a random `share` of its tiles, at least one and
-    never all. They depend on seed and view alone."""
-    rows, columns = -(-height // TILE), -(-width // TILE)
-    count = rows * columns
-    drawn = min(max(1, round(share * count)), count - 1)
-    tiles = np.zeros(count, dtype=bool)
-    tiles[np.random.default_rng([seed, view]).permutation(count)[:drawn]] = True
-    return np.kron(tiles.reshape(rows, columns), np.ones((TILE, TILE), dtype=bool))[:height, :width]
 
 
 def held_out_mask(height: int, width: int, shown: tuple[int, int], share: float, seed: int, view: int) -> Tensor | None:
@@ -84,22 +69,3 @@ def held_out_scores(
 
 def _mean(ssim: np.ndarray) -> float:
     return float(np.nanmean(ssim)) if np.isfinite(ssim).any() else math.nan
-
-
-def tile_scores(prediction: np.ndarray, image: np.ndarray, mask: np.ndarray) -> tuple[float, float]:
-    """(PSNR in dB, SSIM) over the pixels of `mask`, (H, W) bool; images (H, W, 3), encoded, [0, 1].
-
-    An error below a tenth of an 8-bit level counts as a tenth of a level, so that no view has an infinite PSNR.
-    """
-    from scipy.ndimage import binary_erosion
-
-    if not mask.any():
-        return math.nan, math.nan
-    error = float(np.mean(np.square(prediction.astype(float) - image)[mask]))
-    psnr = -10 * math.log10(max(error, (0.1 / 255) ** 2))
-    side = 2 * _WINDOW_REACH + 1
-    whole = binary_erosion(mask, np.ones((side, side)))  # outside the image counts as not held out
-    if not whole.any():
-        return psnr, math.nan
-    inner = whole[_WINDOW_REACH:-_WINDOW_REACH, _WINDOW_REACH:-_WINDOW_REACH]
-    return psnr, float(ssim_map(prediction, image)[inner].mean())
