@@ -256,6 +256,16 @@ class Sketches(Protocol):
         camera; quick, so that a lens can be searched for by it."""
 
 
+@runtime_checkable
+class PredictsPhotographs(Protocol):
+    """What a method offers besides `Method` if it can predict its training views, to be scored on held-out pixels."""
+
+    def predict_photograph(self, name: str, pixels: np.ndarray) -> np.ndarray:
+        """(H, W, 3) float32, encoded: training view `name` by all that was learned of it: lens or blur, and colours.
+
+        pixels: (H, W) bool; only where it is true need the prediction be right. Called after `fit`, before `load`."""
+
+
 class MethodOption(Protocol):
     """One option of a method, for its users."""
 

@@ -18,7 +18,7 @@ from dofbench.training.common.lenses import LearnedLenses
 from dofbench.training.fields.field_scene import FieldScene
 from dofbench.training.fields.lens_field import LensFieldMethod, LensFieldOptions, circles, scattered
 from dofbench.training.fields.pixels import Pixels, TrainingPixels
-from dofbench.training.fields.ray_model import Prediction, RayModel, RayTracer
+from dofbench.training.fields.ray_model import RAYS_AT_ONCE, Prediction, RayModel, RayTracer
 
 
 @dataclass(frozen=True)
@@ -63,19 +63,31 @@ class RenderedPatch(RayModel):
         return photographs.draw_patch(self._options.patch_side)
 
     def predict(self, tracer: RayTracer, pixels: Pixels, progress: float) -> Sequence[Prediction]:
-        origins, directions = tracer.cameras.rays(pixels.views, pixels.places)
-        seen = tracer.trace(origins, directions)
         self._view = None
         if progress < self._options.patch_from:
-            return [Prediction(seen.color)]
+            return super().predict(tracer, pixels, progress)
+        sharp, disparity = _seen(tracer, pixels)
+        self._view = pixels.view
+        return [Prediction(self._scattered(tracer, pixels, sharp, disparity))]
+
+    @torch.no_grad()
+    def predict_view(self, tracer: RayTracer, pixels: Pixels, asked: Tensor) -> Tensor:
+        """(P, 3): scatter the whole view, all of which may show at a pixel; every pixel is predicted."""
+        if self._options.patch_from > 1:
+            return super().predict_view(tracer, pixels, asked)
+        numbers = torch.arange(len(pixels.views), device=pixels.views.device)
+        parts = [_seen(tracer, pixels.at(part)) for part in numbers.split(RAYS_AT_ONCE)]
+        sharp, disparity = (torch.cat(values) for values in zip(*parts, strict=True))
+        return self._scattered(tracer, pixels, sharp, disparity)
+
+    def _scattered(self, tracer: RayTracer, pixels: Pixels, sharp: Tensor, disparity: Tensor) -> Tensor:
+        """(P, 3): spread the light of a patch of sharp colours (P, 3) at disparities (P,), 1 / scene unit."""
         assert pixels.view is not None and pixels.width is not None
-        self._view = view = pixels.view
-        slope, offset = circles(self.lenses, view, tracer.cameras.widths[view])
-        disparity = tracer.scene.disparity(origins, directions, seen)
+        slope, offset = circles(self.lenses, pixels.view, tracer.cameras.widths[pixels.view])
         shape = len(pixels.views) // pixels.width, pixels.width
         radius = (slope * disparity + offset).view(shape)
-        sharp = seen.color.view(*shape, 3).contiguous()
-        return [Prediction(scatter_defocus(sharp, radius.contiguous(), self._options.blur).view(-1, 3))]
+        image = sharp.view(*shape, 3).contiguous()
+        return scatter_defocus(image, radius.contiguous(), self._options.blur).view(-1, 3)
 
     def gradients(self) -> Mapping[str, Tensor | None]:
         return {"lens": None if self._view is None else self.lenses.gradient()}
@@ -83,6 +95,13 @@ class RenderedPatch(RayModel):
     def step(self, progress: float) -> None:
         if self._view is not None:
             self.lenses.step(self._view, progress)
+
+
+def _seen(tracer: RayTracer, pixels: Pixels) -> tuple[Tensor, Tensor]:
+    """Sharp colours (P, 3) and disparities (P,), 1 / scene unit, of pixels."""
+    origins, directions = tracer.cameras.rays(pixels.views, pixels.places)
+    seen = tracer.trace(origins, directions)
+    return seen.color, tracer.scene.disparity(origins, directions, seen)
 
 
 @dataclass(frozen=True)

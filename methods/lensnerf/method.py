@@ -44,6 +44,10 @@ class LensRays(RayModel):
         self.lenses, self._options, self._generator = lenses, options, generator
         self._view: int | None = None
 
+    @property
+    def rays_per_pixel(self) -> int:
+        return self._options.lens_points
+
     def draw(self, photographs: TrainingPixels, count: int, progress: float) -> Pixels:
         """Draw pixels of one view, since a step learns one lens."""
         return photographs.draw_view(count // self._options.lens_points)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import torch
 from made_up import Recorder
 from small_scene import HEIGHT, WIDTH, cameras, training_set
+from tolerances import FLOAT32_VALUE
 
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import TrainingSet, TrainingView
@@ -66,6 +68,41 @@ def test_looking_at_it_in_between_changes_nothing() -> None:
     alone = FieldMethod(SHORT, 0, "cpu")
     alone.fit(training_set(), Budget(steps=20), Recorder())
     assert np.array_equal(watched.render(cameras()[0], None).image, alone.render(cameras()[0], None).image)
+
+
+def test_predicting_a_training_view_changes_nothing_and_repeats() -> None:
+    everywhere = np.ones((HEIGHT, WIDTH), bool)
+
+    class Predicting(Recorder):
+        def after_step(self, step: int, loss: float) -> bool:
+            watched.predict_photograph(shown.views[1].name, everywhere)
+            return super().after_step(step, loss)
+
+    shown, changes = training_set(), {**SHORT, "colour_per_view": "affine"}
+    watched, alone = FieldMethod(changes, 0, "cpu"), FieldMethod(changes, 0, "cpu")
+    watched.fit(shown, Budget(steps=20), Predicting())
+    alone.fit(shown, Budget(steps=20), Recorder())
+    predictions = [method.predict_photograph(shown.views[1].name, everywhere) for method in (watched, alone, alone)]
+    assert np.array_equal(predictions[0], predictions[1]) and np.array_equal(predictions[1], predictions[2])
+
+
+def test_a_prediction_has_the_view_s_learned_colours(tmp_path: Path) -> None:
+    shown, everywhere = training_set(), np.ones((HEIGHT, WIDTH), bool)
+    views = tuple(
+        replace(view, image=(view.image * (0.6 if number == 0 else 1.0)).astype(np.float32))
+        for number, view in enumerate(shown.views)
+    )
+    method, _ = trained(replace(shown, views=views), colour_per_view="gain")
+    gain = method.colour_estimates()[views[0].name].diagonal()
+    method._trainer.colours._kind = "off"
+    plain = method.predict_photograph(views[0].name, everywhere)
+    method._trainer.colours._kind = "gain"
+    np.testing.assert_allclose(method.predict_photograph(views[0].name, everywhere), plain * gain, rtol=FLOAT32_VALUE)
+    assert gain.max() < 0.99
+    method.save(tmp_path)
+    method.load(tmp_path)
+    with pytest.raises(RuntimeError, match="isn't trained here"):
+        method.predict_photograph(views[0].name, everywhere)
 
 
 def test_a_stored_field_renders_the_same(tmp_path: Path) -> None:

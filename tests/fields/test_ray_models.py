@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -42,9 +44,10 @@ from dofbench.optics.defocus import scatter_defocus
 from dofbench.training.common.lenses import LearnedLenses, LensOptions
 from dofbench.training.common.networks import redraw
 from dofbench.training.fields.blur_kernels import KernelOptions
+from dofbench.training.fields.cube_rays import RaysSeen
 from dofbench.training.fields.lens_field import disc_points
 from dofbench.training.fields.pixels import Pixels, TrainingPixels, whole_image
-from dofbench.training.fields.ray_model import RayModel, mixed
+from dofbench.training.fields.ray_model import RAYS_AT_ONCE, RayModel, mixed
 
 UNIT = 2.0  # depth that counts as 1 for the kernels
 RANGE = DisparityRange(0.1, 0.6)
@@ -400,6 +403,57 @@ def test_a_patch_is_the_sharp_patch_through_the_lens() -> None:
     before = learned.aperture_and_focus(1)
     model.step(0.3)
     assert learned.aperture_and_focus(1) != before
+
+
+def whole_view(view: int) -> Pixels:
+    """All pixels of a view, as a patch."""
+    places = whole_image(cameras()[view])
+    return Pixels(torch.full((len(places),), view), places, torch.zeros(len(places), 3), view, WIDTH)
+
+
+@pytest.mark.parametrize("model", [RayModel(), *KERNELS.values(), LensRays(lenses(), LensRayOptions(), generator())])
+def test_a_view_is_predicted_as_its_pixels_are_in_training(model: RayModel) -> None:
+    scene, at = PlaneScene(3.0, waves), whole_view(1)
+    asked = torch.rand(len(at.views), generator=torch.Generator().manual_seed(1)) < 0.3
+    with random_from_the_start(model):
+        found = model.predict_view(scene, at, asked)
+    with random_from_the_start(model):
+        ways = model.predict(scene, at.at(asked.nonzero()[:, 0]), 1.0)
+    heaviest = max(way.weight for way in ways)
+    expected = next(way.colours for way in ways if way.weight == heaviest)
+    assert torch.equal(found[asked], expected) and not found.requires_grad
+    assert not found[~asked].any()
+
+
+@contextmanager
+def random_from_the_start(model: RayModel) -> Iterator[None]:
+    """The model's random numbers from the first on."""
+    if hasattr(model, "_generator"):
+        model._generator.manual_seed(0)
+    yield
+
+
+def test_a_view_is_predicted_in_parts_that_fit_in_memory() -> None:
+    class Counting(PlaneScene):
+        most = 0
+
+        def trace(self, origins: Tensor, directions: Tensor) -> RaysSeen:
+            self.most = max(self.most, len(origins))
+            return super().trace(origins, directions)
+
+    at, all_of_it = whole_view(0), torch.ones(WIDTH * HEIGHT, dtype=torch.bool)
+    learned = LensRays(lenses(), LensRayOptions(lens_points=16), generator())
+    scene = Counting(3.0, waves)
+    assert learned.predict_view(scene, at, all_of_it).shape == (WIDTH * HEIGHT, 3)
+    assert RAYS_AT_ONCE // 2 < scene.most <= RAYS_AT_ONCE < 16 * WIDTH * HEIGHT
+
+
+def test_a_scattered_view_is_predicted_whole() -> None:
+    scene, at = PlaneScene(2.5, lambda where: waves(20 * where)), whole_view(1)
+    model, nothing = RenderedPatch(lenses(1.5, 0.2), PatchOptions()), torch.zeros(len(at.views), dtype=torch.bool)
+    assert torch.equal(model.predict_view(scene, at, nothing), colours(model, scene, at, 1.0).detach())
+    never, one = RenderedPatch(lenses(1.5, 0.2), PatchOptions(patch_from=1.1)), ~nothing
+    assert torch.equal(never.predict_view(scene, at, one), sharp(scene, at))
 
 
 @pytest.mark.parametrize(

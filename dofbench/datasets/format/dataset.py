@@ -15,6 +15,7 @@ from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.core.errors import InputError
 from dofbench.core.evidence import Photographer, Role
 from dofbench.core.files import files_below, sha256_file
+from dofbench.core.held_out import held_out_tiles
 from dofbench.core.image_files.exif import EXIF_FILE, Exif, read_exif
 from dofbench.core.images import read_exr, read_image
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
@@ -38,6 +39,7 @@ from dofbench.scenes.scene import Split
 from dofbench.scenes.visibility import unmasked_points
 
 _FULL_SIZE = 0.95  # of the longer side: undistortion may crop a border
+_HELD_OUT_SEED = 53  # of the held-out tiles: the same for all methods and seeds, other ones than a method's own
 _MODELS = ("sparse", "colmap")  # folders in which a COLMAP model is looked for
 
 
@@ -303,11 +305,27 @@ class Dataset:
             raise InputError(path, found, f"a mask of shape {size} with valid pixels")
         return mask
 
-    def training_set(self, inputs: Inputs = "shallow") -> TrainingSet:
+    def held_out(self, share: float) -> dict[str, np.ndarray]:
+        """Training view -> its held-out pixels, (H, W) bool: a `share` of its tiles, without masked pixels.
+
+        None are held out of a view whose other pixels are all masked. Raises ValueError unless 0 < share < 1.
+        """
+        if not 0 < share < 1:
+            raise ValueError(f"held-out pixels: expected a share between 0 and 1, found {share}")
+        found = {}
+        for number, view in enumerate(self.training_views()):
+            mask = self.mask(view)
+            valid = np.ones((view.camera.height, view.camera.width), bool) if mask is None else mask
+            tiles = held_out_tiles(*valid.shape, share, _HELD_OUT_SEED, number) & valid
+            found[view.name] = tiles if (valid & ~tiles).any() else np.zeros_like(tiles)
+        return found
+
+    def training_set(self, inputs: Inputs = "shallow", *, held_out: float = 0.0) -> TrainingSet:
         """All that a method may see: training photographs, their cameras, `training_points`; no lens, no depth, no
         photograph or camera of a test view. What the points and poses were found in: `points_record`.
 
-        inputs: the shallow photographs, or the sharp originals (a protocol of its own). Raises InputError where a
+        inputs: the shallow photographs, or the sharp originals (a protocol of its own). held_out: masks the pixels of
+        `self.held_out(share)` besides; points stay, since they come from the whole images. Raises InputError where a
         training view has no sharp original.
         """
         if inputs not in ("shallow", "all-in-focus"):
@@ -317,12 +335,16 @@ class Dataset:
             found = f"no all-in-focus photograph of {len(blurred)} training views ({blurred[0]} first)"
             raise InputError(self.folder, found, "one of each for --inputs all-in-focus")
         read = self.image if inputs == "shallow" else self.all_in_focus
-        views = []
+        views, masks = [], []
+        held = self.held_out(held_out) if held_out > 0 else {}
         for view in self.training_views():
-            image = read(view)
+            image, mask = read(view), self.mask(view)
             assert image is not None
-            views.append(TrainingView(view.name, view.camera, image, view.exif, self.mask(view)))
-        cameras, masks = [view.camera for view in views], [view.mask for view in views]
+            masks.append(mask)
+            if view.name in held:
+                mask = ~held[view.name] if mask is None else mask & ~held[view.name]
+            views.append(TrainingView(view.name, view.camera, image, view.exif, mask))
+        cameras = [view.camera for view in views]
         return TrainingSet(tuple(views), unmasked_points(self.training_points(), cameras, masks), self.offset)
 
     def _view(self, view: BenchmarkView | str) -> BenchmarkView:

@@ -42,6 +42,9 @@ class FieldMethod:
         self._device = resolve(device, KINDS, "training of fields")
         self._options, self._seed = self.read_options(options), seed
         self._scene: FieldScene | None = None
+        self._trainer: FieldTrainer | None = None
+        self._random = torch.Generator()
+        self._names: list[str] = []
         self._colours: dict[str, np.ndarray] | None = None
         self._peak: dict[str, float] = {}
 
@@ -67,9 +70,11 @@ class FieldMethod:
     def fit(self, training_set: TrainingSet, budget: Budget, observer: Observer) -> FitOutcome:
         """Train from an empty field; raises InputError without sparse points, which give the scene's place."""
         forget_peak(self._device)
-        model = self.model(training_set, torch.Generator().manual_seed(self._seed))
+        self._random = torch.Generator().manual_seed(self._seed)
+        model = self.model(training_set, self._random)
         trainer = FieldTrainer(training_set, self._options, model, self._seed, self._device)
-        self._scene = trainer.scene
+        self._scene, self._trainer = trainer.scene, trainer
+        self._names = [view.name for view in training_set.views]
         outcome = trainer.fit(budget, observer)
         self._colours = trainer.colour_estimates()
         self._peak = peak_mb(self._device)
@@ -88,6 +93,18 @@ class FieldMethod:
     def colour_estimates(self) -> dict[str, np.ndarray] | None:
         """The learned colour correction of every training view, (3, 4) as in `photograph_colours.py`, or None."""
         return self._colours
+
+    def predict_photograph(self, name: str, pixels: np.ndarray) -> np.ndarray:
+        """The training view, (H, W, 3), encoded, where `pixels` is true; the same in every call, and without an effect
+        on a training. Raises RuntimeError for a model that was loaded."""
+        if self._trainer is None:
+            raise RuntimeError("the method isn't trained here: call fit first")
+        state = self._random.get_state()
+        self._random.manual_seed(self._seed)
+        try:
+            return self._trainer.predict_view(self._names.index(name), pixels)
+        finally:
+            self._random.set_state(state)
 
     def describe(self) -> dict[str, float]:
         """After training on a GPU its peak memory, MB."""
@@ -129,6 +146,7 @@ class FieldMethod:
         if sizes != (shape.density_size, shape.colour_size, shape.basis_shape):
             raise InputError(path, f"tensors of {sizes}", f"those of a grid of {shape.nodes} nodes")
         self._options = options
+        self._trainer = None
         field = GridField(shape, parameters, options.grid.density_shift)
         self._scene = FieldScene(field, space, options, behind)
         self._colours = read_colours(folder / COLOURS) if (folder / COLOURS).is_file() else None

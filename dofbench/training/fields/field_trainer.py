@@ -26,6 +26,7 @@ from dofbench.training.fields.ray_model import Prediction, RayModel, RayTracer
 from dofbench.training.fields.space import AnnealedSpace
 
 _BETAS, _EPSILON = (0.9, 0.99), 1e-15  # TensoRF
+_DRAWS, _DRAWN_BY = 4, 0  # predictions whose mean a predicted view is, and the seed of their rays
 # Share of the training over which rates rise from 0 where views are from all around: with the whole rate from the start
 # every camera may get a haze before it that never goes (docs/notes/fields.md).
 _RISE = 0.1
@@ -153,6 +154,19 @@ class FieldTrainer:
             smooth = rates.density_smooth * rough["density"] + rates.colour_smooth * rough["colour"]
             loss = loss + rates.smooth_every * smooth
         return loss
+
+    @torch.no_grad()
+    def predict_view(self, view: int, asked: np.ndarray) -> np.ndarray:
+        """(H, W, 3), encoded: predict training view number `view` by the forward model and its learned colours.
+
+        asked: (H, W) bool, the pixels that have to be right. Rays are drawn at random as in training: the mean of
+        `_DRAWS` predictions, from the same numbers in every call.
+        """
+        pixels, chosen = self._pixels.whole_view(view), torch.from_numpy(asked.reshape(-1)).to(self._device)
+        tracer = RayTracer(self.scene, self._tracer.cameras, torch.Generator().manual_seed(_DRAWN_BY))
+        draws = [self._model.predict_view(tracer, pixels, chosen) for _ in range(_DRAWS)]
+        colours = self.colours.of_pixels(pixels.views, torch.stack(draws).mean(0))
+        return colours.view(*asked.shape, 3).numpy(force=True)
 
     def colour_estimates(self) -> dict[str, np.ndarray] | None:
         """See `LearnedColours.estimates`."""

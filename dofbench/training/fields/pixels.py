@@ -30,6 +30,10 @@ class Pixels:
     width: int | None = None
     valid: Tensor | None = None
 
+    def at(self, chosen: Tensor) -> Pixels:
+        """Some of the pixels, by their numbers (Q,) int64."""
+        return Pixels(self.views[chosen], self.places[chosen], self.colours[chosen], self.view)
+
     def without_masked(self, colours: Tensor) -> Tensor:
         """Replace predicted colours (..., P, 3) by the views' where masked: no error and no gradient there."""
         return colours if self.valid is None else torch.where(self.valid[:, None], colours, self.colours)
@@ -111,6 +115,11 @@ class TrainingPixels:
         valid = self._valid[view]
         drawn = self._random.permutation(int(self._sizes[view].prod()) if valid is None else valid)
         return self._pixels(self._starts[view] + drawn[:count], view)
+
+    def whole_view(self, view: int) -> Pixels:
+        """All pixels of a view as one patch, masked ones too."""
+        width, height = (int(size) for size in self._sizes[view])
+        return self._pixels(self._starts[view] + np.arange(width * height), view, width)
 
     def draw_patch(self, side: int) -> Pixels:
         """Draw a patch of one view, row after row, `side` px high and wide or as much as the view has, with at least

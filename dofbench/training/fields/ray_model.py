@@ -23,6 +23,9 @@ class Prediction:
     weight: float = 1.0
 
 
+RAYS_AT_ONCE = 8192  # of a prediction without gradient
+
+
 class RayTracer:
     """Traces rays in training. cameras: of the training views. generator: the host's, so that rays are sampled at the
     same places on every device."""
@@ -52,6 +55,23 @@ class RayModel:
     def predict(self, tracer: RayTracer, pixels: Pixels, progress: float) -> Sequence[Prediction]:
         """Predict these pixels, in one way or several."""
         return [Prediction(tracer.trace(*tracer.cameras.rays(pixels.views, pixels.places)).color)]
+
+    @property
+    def rays_per_pixel(self) -> int:
+        """The most rays that `predict` traces for a pixel."""
+        return 1
+
+    @torch.no_grad()
+    def predict_view(self, tracer: RayTracer, pixels: Pixels, asked: Tensor) -> Tensor:
+        """(P, 3), encoded: predict a view as at the end of training; of several ways the one of the largest weight.
+
+        pixels: all P of the view, as a patch. asked: (P,) bool, the pixels to predict; others are 0.
+        """
+        colours = torch.zeros_like(pixels.colours)
+        for part in asked.nonzero()[:, 0].split(max(1, RAYS_AT_ONCE // self.rays_per_pixel)):
+            ways = self.predict(tracer, pixels.at(part), 1.0)
+            colours[part] = max(ways, key=lambda way: way.weight).colours
+        return colours
 
     def cost(self, progress: float) -> Tensor | None:
         """Return the model's own term of the loss, after `predict`; None for none."""

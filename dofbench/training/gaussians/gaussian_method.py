@@ -113,6 +113,10 @@ class GaussianMethod:
         """The learned colour correction of every training view, (3, 4) as in `photograph_colours.py`, or None."""
         return self._trainer.colour_estimates() if self._trainer else self._colours
 
+    def predict_photograph(self, name: str, pixels: np.ndarray) -> np.ndarray:
+        """The whole training view, (H, W, 3), encoded. Raises RuntimeError for a model that was loaded."""
+        return self.trainer.render_view([view.name for view in self.trainer.views].index(name))
+
     def describe(self) -> dict[str, float]:
         """Number of Gaussians; after training on a GPU its peak memory too, MB."""
         return {"gaussians": len(self.gaussians), **self._peak}
