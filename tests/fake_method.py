@@ -106,6 +106,7 @@ class Fake:
 
     def fit(self, training_set, budget, observer):
         self.widths = {view.name: view.camera.width for view in training_set.views}
+        self.cameras = {view.name: view.camera for view in training_set.views}
         for step in range(1, (budget.steps or 10**9) + 2):
             self.step = step
             loss = misbehave(self.options, step, 1.0 / step)
@@ -130,6 +131,10 @@ class Fake:
         if self.options["trouble"] == "hole":
             image[0, 0, 0] = np.nan
         return Rendering(image.astype(np.float32), np.ones(image.shape[:2], np.float32))
+
+    def predict_photograph(self, name, pixels):
+        noise = np.random.default_rng(0).normal(0, self.options["noise"] / self.step, (*pixels.shape, 1))
+        return np.where(pixels[..., None], smooth_image(self.options["scene"], self.cameras[name]) + noise, np.nan)
 
     def lens_estimates(self):
         if not self.options["lens"]:

@@ -17,6 +17,7 @@ from dofbench.datasets.format.schema import MANIFEST
 from dofbench.datasets.synthesis import builtin_folder, make_dataset
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.evaluation.results.collecting import collect
+from dofbench.running.convergence import converge_all
 from dofbench.running.load_run import LoadedRun, load_run
 from dofbench.running.matrix import run_all
 from dofbench.running.plan import choose
@@ -39,7 +40,8 @@ def run_methods(settings: Runs, console: Console | None = None, executor: Execut
             return True
         say(console, f"making the built-in dataset in {builtin_folder()}")
         make_dataset(MakeDataset(out=builtin_folder()))
-    return run_all(settings, builtin_folder(), console, executor)
+    make = converge_all if settings.converge else run_all
+    return make(settings, builtin_folder(), console, executor)
 
 
 def _run_photographs(settings: Runs, source: Path, console: Console, executor: Executor | None) -> bool:

@@ -94,6 +94,7 @@ _EXPECTED = {
     "finite_number": "a finite number",
     "greater_than_equal": "at least {ge:g}",
     "greater_than": "more than {gt:g}",
+    "less_than": "less than {lt:g}",
     "less_than_equal": "at most {le:g}",
     "literal_error": "one of {expected}",
 }

@@ -8,7 +8,7 @@ import shutil
 import sys
 import traceback
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 
 from rich.console import Console
@@ -43,6 +43,7 @@ from dofbench.evaluation.results.result import (
 )
 from dofbench.evaluation.results.run_lease import record_out_of_memory, run_lease
 from dofbench.evaluation.scoring.evaluate import Evaluation, Evaluator
+from dofbench.evaluation.scoring.held_out_scores import held_out_scores
 from dofbench.methods.cards import MethodEntry, find_method
 from dofbench.running.data_plan import decided, revised
 from dofbench.running.observer import OneStep, TrainingObserver
@@ -130,13 +131,15 @@ def show_result(console: Console, plan: Plan, result: Result) -> None:
 
 @dataclass(eq=False)
 class _Trained:
-    """The end of training, kept on disk until the result is written, so that it can go on from there."""
+    """The end of training, kept on disk until the result is written, so that it can go on from there. held_out: scores
+    and reasons for missing ones, which only the method as trained gives."""
 
     outcome: FitOutcome
     curve: list[CurvePoint]
     peak_mb: float
     compiled: int
     stages: dict[str, dict[str, float]]
+    held_out: tuple[dict[str, float], dict[str, str]] = field(default_factory=lambda: ({}, {}))
 
 
 class Execution:
@@ -184,6 +187,8 @@ class Execution:
             status, message = trained.outcome.status, trained.outcome.message
             if status is Status.OK:
                 found = self._score()
+                found.scores |= trained.held_out[0]
+                found.left_out |= trained.held_out[1]
                 if found.nonfinite:
                     status = Status.DIVERGED
                     message = f"{found.nonfinite[0].detail} of view {found.nonfinite[0].view} aren't finite"
@@ -215,7 +220,7 @@ class Execution:
 
     def _train(self) -> _Trained:
         with self.stages["load data"].running():
-            training_set = self.dataset.training_set(self.plan.settings.inputs)
+            training_set = self.dataset.training_set(self.plan.settings.inputs, held_out=self.spec.held_out)
         # An earlier result's files go before they are written anew: if this run dies, none is left half.
         for name in (RESULT_FILE, ADDED_FILE):
             (self.folder / name).unlink(missing_ok=True)
@@ -244,15 +249,20 @@ class Execution:
                 outcome = replace(outcome, status=failure[0], message=failure[1])
             if outcome.status is Status.OK:
                 observer.finish(outcome.steps)
+        held_out: tuple[dict[str, float], dict[str, str]] = {}, {}
         if outcome.status is Status.OK:
             self.lease.check()
+            if self.spec.held_out > 0:
+                with self.stages["score held-out pixels"].running():
+                    inputs = self.plan.settings.inputs
+                    held_out = held_out_scores(self.method, self.dataset, inputs, self.spec.held_out)
             with self.stages["save model"].running():
                 (self.folder / MODEL_FOLDER).mkdir(parents=True, exist_ok=True)
                 self.method.save(self.folder / MODEL_FOLDER)
                 # Scored is what was kept, whether or not the run is interrupted here and goes on later.
                 self.method.load(self.folder / MODEL_FOLDER)
         peak_mb = max(provenance.peak_memory_mb(), outcome.peak_mb)
-        trained = _Trained(outcome, observer.curve, peak_mb, self._compiled(), self.stages.as_data())
+        trained = _Trained(outcome, observer.curve, peak_mb, self._compiled(), self.stages.as_data(), held_out)
         if outcome.status is Status.OK:
             write_json(
                 self.folder / TRAINED_FILE,
@@ -268,6 +278,7 @@ class Execution:
                     "peak_mb": trained.peak_mb,
                     "compiled": trained.compiled,
                     "stages": trained.stages,
+                    "held_out": trained.held_out,
                 },
             )
         return trained
@@ -306,7 +317,8 @@ class Execution:
             write_log(self.folder / LOG_FOLDER, curve)
         # Its pictures, of which some may be half, are made anew.
         shutil.rmtree(self.folder / PREDICTIONS_FOLDER, ignore_errors=True)
-        return _Trained(outcome, curve, data["peak_mb"], data["compiled"], data["stages"])
+        scores, left_out = data.get("held_out", ({}, {}))
+        return _Trained(outcome, curve, data["peak_mb"], data["compiled"], data["stages"], (scores, left_out))
 
     def _score(self) -> Evaluation:
         self.lease.check()

@@ -23,7 +23,7 @@ from dofbench.running.plan import Plan, different_datasets, make_plan
 from dofbench.running.run_options import Runs
 
 # The scores of a matrix's table, as far as any run has them.
-_SHOWN = ("psnr", "aif_psnr", "photo_psnr", "delta_r", "train_s")
+_SHOWN = ("psnr", "aif_psnr", "photo_psnr", "delta_r", "held_out_psnr", "train_s")
 
 
 def run_all(settings: Runs, builtin: Path, console: Console | None = None, executor: Executor | None = None) -> bool:
@@ -36,7 +36,7 @@ def run_all(settings: Runs, builtin: Path, console: Console | None = None, execu
     console = console or Console()
     runs = plan_matrix(settings.cells(), builtin)
     batch = Batch(runs, settings.out, executor or processes_for(runs, settings.jobs), rerun=settings.rerun)
-    for line in _all_lines(settings, batch) if settings.dry_run or settings.verbose else _summary(batch):
+    for line in all_lines(settings, batch) if settings.dry_run or settings.verbose else summary(batch):
         say(console, line)
     if settings.dry_run:
         return True
@@ -48,7 +48,7 @@ def run_all(settings: Runs, builtin: Path, console: Console | None = None, execu
         return bool(execute(plan, console, Terminal(console)))
     batch.make()
     failures = batch.failures()
-    _print_table(console, batch)
+    print_table(console, batch)
     for line in failures:
         say(console, line)
     folders = ", ".join(dict.fromkeys(str(run.folder.parent) for run in runs))
@@ -82,7 +82,7 @@ def plan_matrix(cells: tuple[RunSpec, ...], builtin: Path) -> tuple[Plan, ...]:
     return tuple(runs)
 
 
-def _summary(batch: Batch) -> list[str]:
+def summary(batch: Batch) -> list[str]:
     """The plan in at most five lines: methods, datasets, budget, estimate, output."""
     plans = batch.runs
     if len(plans) == 1:
@@ -110,7 +110,7 @@ def _design(plans: Sequence[Plan]) -> str:
     return f"; {nothing}" if nothing else ""
 
 
-def _all_lines(settings: Runs, batch: Batch) -> list[str]:
+def all_lines(settings: Runs, batch: Batch) -> list[str]:
     """All decisions, once for each kind of run, and every run with its state and estimate."""
     lines = []
     for plan in batch.runs:
@@ -130,7 +130,7 @@ def _all_lines(settings: Runs, batch: Batch) -> list[str]:
     return [*lines, *design, *batch.outlook()]
 
 
-def _print_table(console: Console, batch: Batch) -> None:
+def print_table(console: Console, batch: Batch) -> None:
     """Print the scores of a matrix: a row for each dataset, method, preset and budget, means over seeds."""
     rows: dict[tuple[str, ...], list[dict[str, float]]] = {}
     for plan in batch.runs:

@@ -75,7 +75,8 @@ class Plan:
         """All decisions, one line each."""
         spec, (views, *rest) = self.spec, self.by_data.lines()
         what = f"{spec.method} ({spec.preset}, seed {spec.seed}, {spec.device}) on {spec.dataset}, {spec.protocol}"
-        return [what, f"budget {self.budget}; {views}", *rest]
+        held_out = f"; {spec.held_out:.1%} of the training views' pixels held out" if spec.held_out else ""
+        return [what, f"budget {self.budget}; {views}{held_out}", *rest]
 
     def summary(self) -> list[str]:
         """The plan in at most five lines, without an estimate of the time."""
@@ -125,7 +126,7 @@ def make_plan(run: RunSpec, data: Path) -> Plan:
 def _make_plan(run: RunSpec, chosen: Choices, data: Path) -> Plan:
     dataset, entry = Dataset.load(data), chosen.entry
     protocol = protocol_for(run.inputs, photographs=photograph_columns(dataset))
-    facts = _facts(data.resolve(), dataset.checksum, run.inputs)
+    facts = _facts(data.resolve(), dataset.checksum, run.inputs, run.held_out)
     by_data = plan_for_data(entry, chosen.options, chosen.overrides, dataset, facts, protocol, force_all=run.force_all)
     options = _read_options(entry, by_data.options)
     spec = Spec(
@@ -141,6 +142,7 @@ def _make_plan(run: RunSpec, chosen: Choices, data: Path) -> Plan:
         device=chosen.device,
         code=provenance.code_version(entry.folder, chosen.device),
         content=content_digests(options),
+        held_out=run.held_out,
     )
     pixels = [view.camera.width * view.camera.height for view in dataset.training_views()]
     return Plan(
@@ -174,10 +176,10 @@ def different_datasets(folders: Sequence[Path]) -> list[Dataset]:
 
 
 @lru_cache(maxsize=64)
-def _facts(folder: Path, checksum: str, inputs: Inputs) -> Facts:
+def _facts(folder: Path, checksum: str, inputs: Inputs, held_out: float) -> Facts:
     """Facts of a dataset, which many runs in one call may share. checksum: so that it is the same one still."""
     dataset = Dataset.load(folder)
     one_lens = None
     if dataset.assign != "unknown":  # an aperture in units of the width is one opening on cameras that are alike
         one_lens = dataset.assign == "fixed" and framed_alike(view.camera for view in dataset.training_views())
-    return facts_of(dataset.training_set(inputs), one_lens=one_lens)
+    return facts_of(dataset.training_set(inputs, held_out=held_out), one_lens=one_lens)

@@ -39,7 +39,7 @@ def make_spec(**changes) -> Spec:
 def make_result(**changes) -> Result:
     spec = changes.pop("spec", make_spec())
     values = {
-        "schema_version": 7,
+        "schema_version": 8,
         "key": spec.key,
         "spec": spec,
         "protocol": {},
@@ -221,8 +221,8 @@ def test_what_a_migration_gives_is_of_this_version(tmp_path: Path) -> None:
         ("{", "JSON"),
         ("[]", "no schema_version"),
         ("{}", "no schema_version"),
-        ('{"schema_version": 8}', "newer dofbench"),
-        ('{"schema_version": 7}', "changed after it was written"),
+        ('{"schema_version": 9}', "newer dofbench"),
+        ('{"schema_version": 8}', "changed after it was written"),
         ('{"schema_version": 5, "digest": null}', "changed after it was written"),
         ('{"schema_version": 5}', "key: Field required"),
         ('{"schema_version": 1}', "schema_version 1, and in it KeyError: 'stages'"),

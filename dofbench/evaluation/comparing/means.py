@@ -12,6 +12,7 @@ from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.columns import (
     ALL_IN_FOCUS,
     EXIF,
+    HELD_OUT_SCORES,
     OF_PHOTOGRAPH_RUNS,
     PHOTOGRAPH,
     REFOCUS,
@@ -65,7 +66,7 @@ def _no_reason(entry: Entry, column: str) -> str:
     protocol = PROTOCOLS.get(entry.spec.protocol)
     if protocol is not None and column in DEPTH_COLUMNS and not protocol.depth:
         return f"{protocol.id} has no such score"
-    if column in (*EXIF, *OF_PHOTOGRAPH_RUNS):
+    if column in (*EXIF, *OF_PHOTOGRAPH_RUNS, *HELD_OUT_SCORES):
         return ""
     if column in SCORES:
         of_images = column in (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH)

@@ -68,7 +68,7 @@ def _covers_more(other: Entry, run: Entry) -> bool:
 
 def _made(entry: Entry) -> tuple[str, ...]:
     spec = entry.spec
-    return spec.method, spec.preset, canonical_json([spec.overrides, spec.content]), spec.budget, spec.device
+    return spec.method, spec.preset, canonical_json([entry.changed, spec.content]), spec.budget, spec.device
 
 
 def _split(entry: Entry) -> tuple[set[str], set[str]]:
@@ -130,7 +130,7 @@ def _starts(groups: Groups, variant: Variant) -> str:
 def _family(runs: Sequence[Entry]) -> str:
     """What variants that differ only in their start share."""
     spec = runs[0].spec
-    overrides, options = ({k: v for k, v in some.items() if k != START} for some in (spec.overrides, spec.options))
+    overrides, options = ({k: v for k, v in some.items() if k != START} for some in (runs[0].changed, spec.options))
     parts = [spec.method, spec.preset, overrides, options, spec.content, spec.budget, spec.device, spec.code]
     return canonical_json(parts)
 

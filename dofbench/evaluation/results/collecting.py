@@ -61,8 +61,14 @@ class Entry:
 
     @property
     def preset(self) -> str:
-        """The preset, followed by the options that the user changed."""
-        return " ".join([self.spec.preset, *option_words(self.spec.overrides)])
+        """The preset, followed by what the user changed: options, and the share of held-out pixels."""
+        return " ".join([self.spec.preset, *option_words(self.changed)])
+
+    @property
+    def changed(self) -> dict[str, Any]:
+        """What the user changed of the preset's options and training views."""
+        held_out = {"held_out": self.spec.held_out} if self.spec.held_out else {}
+        return {**self.spec.overrides, **held_out}
 
     @property
     def lenses(self) -> dict[str, Any] | None:
@@ -84,7 +90,7 @@ class Entry:
         """The settings shared by runs of one configuration with different seeds or datasets."""
         spec = self.spec
         # Not the overrides alone: --force-all changes none of them. Not the options: plans change them too.
-        chosen = canonical_json([spec.overrides, spec.content]), self.choices or canonical_json(spec.options)
+        chosen = canonical_json([self.changed, spec.content]), self.choices or canonical_json(spec.options)
         return spec.method, spec.preset, *chosen, spec.budget, spec.device, spec.code
 
 

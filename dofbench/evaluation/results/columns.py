@@ -34,14 +34,15 @@ _PHOTOGRAPHS_2 = (
     *BLUR_COLUMNS,
 )
 OF_PHOTOGRAPH_RUNS = (FIT_CEILING, *EVIDENCE_COLUMNS)
+HELD_OUT_SCORES = ("held_out_psnr", "held_out_ssim")  # of pixels of the training views, where a run held some out
 EXIF = (*EXIF_COLUMNS, *EXIF_FOCUS_COLUMNS)
 COST = ("train_s", "train_cpu_s", "cold_start_s", "steps", "render_fps", "peak_mb", "gaussians", "resolved")
-SCORES = (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH, *OF_PHOTOGRAPH_RUNS, *LENS, *EXIF, *DEPTH, *COST)
+SCORES = (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH, *OF_PHOTOGRAPH_RUNS, *LENS, *EXIF, *DEPTH, *HELD_OUT_SCORES, *COST)
 # Columns added later, which come last in files
 _NEW_IN_FILES = (
     *(*DEPTH, "train_cpu_s", "cold_start_s", *(one for one in PHOTOGRAPH if one not in _PHOTOGRAPHS_2), *EXIF_COLUMNS),
     *("resolved", "ssim_uniform7", "aif_ssim_uniform7", *EXIF_FOCUS_COLUMNS, *_PHOTOGRAPHS_2),
-    *OF_PHOTOGRAPH_RUNS,
+    *(*OF_PHOTOGRAPH_RUNS, *HELD_OUT_SCORES),
 )
 FILE_SCORES = (*(column for column in SCORES if column not in _NEW_IN_FILES), *_NEW_IN_FILES)
 # Columns of the files with a row for every view

@@ -16,7 +16,7 @@ from dofbench.core.names import InsideName, InsidePath
 from dofbench.core.readable import parse_json, read_text
 from dofbench.datasets.format.points_record import PointsRecord
 
-SCHEMA_VERSION = 7
+SCHEMA_VERSION = 8
 _DIGESTS_SINCE = 6  # the schema version
 RESULT_FILE = "result.json"
 # Folders next to result.json: the saved model, and predicted images
@@ -48,6 +48,7 @@ MIGRATIONS: dict[int, Callable[[Data], Data]] = {
     4: lambda data: data | {"foci": []},
     5: lambda data: data | {"digest": None, "data_from_here": ""},
     6: lambda data: data | {"fits": [_from_6(fit) for fit in data.get("fits", [])]},
+    7: lambda data: data,  # version 8 has held_out in the spec, which is 0 before
 }
 
 
@@ -103,7 +104,8 @@ class Spec(Stored):
 
     options: the preset's with the changes of plan and user; overrides: the user's. budget: as in `--budget`.
     dataset_checksum: sha256 over its files. code: `provenance.code_version`. content: sha256 of the files that an
-    option names, by option (`dofbench.training.common.options`); empty before version 6.
+    option names, by option (`dofbench.training.common.options`); empty before version 6. held_out: share of the
+    training views' pixels that the method didn't receive; 0 before version 8.
     """
 
     method: InsideName
@@ -118,11 +120,13 @@ class Spec(Stored):
     device: str
     code: str
     content: dict[str, str] = {}
+    held_out: float = 0.0
 
     @property
     def key(self) -> str:
-        """sha256 of the spec as canonical JSON."""
-        return sha256_text(canonical_json(self.model_dump(mode="json", exclude=set() if self.content else {"content"})))
+        """sha256 of the spec as canonical JSON, without newer fields that have their neutral value."""
+        neutral = {name for name in ("content", "held_out") if not getattr(self, name)}
+        return sha256_text(canonical_json(self.model_dump(mode="json", exclude=neutral)))
 
     @property
     def folder(self) -> Path:

@@ -59,6 +59,8 @@ class RunOptions(CallOptions, WhichMethods):
     """Seed of everything random in the method; with --seeds, the first seed."""
     inputs: Inputs = "shallow"
     """Train on images with a shallow depth of field, or on the all-in-focus ones, under a protocol of their own."""
+    held_out: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Share of every training view's pixels, in tiles of 16 px, that no method receives; the run is scored on them."""
     force_all: bool = False
     """Run every stage, also those that the dataset doesn't need."""
     log: Literal["tensorboard"] | None = None
