@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from dofbench.evaluation.comparing.means import scene_mean
 from dofbench.evaluation.results.collecting import grouped
-from dofbench.evaluation.results.columns import COLUMNS, COST
+from dofbench.evaluation.results.columns import COLUMNS, COST, HELD_OUT_SCORES
 from dofbench.methods.cards import find_method, method_files
 from dofbench.reporting.boards import (
     Board,
@@ -132,7 +132,8 @@ def _time_section(kind: str, boards: Sequence[Board]) -> Section:
     """Training time and frame rate, as in the paper's supplement; also CPU time, start-up and memory."""
     figures, title = paper_figures()["time"], f"Training time and frame rate, {kind}"
     # The first column ranks
-    columns = sorted(COST, key=lambda column: column != "train_cpu_s") if boards[0].by_cpu else COST
+    costs = sorted(COST, key=lambda column: column != "train_cpu_s") if boards[0].by_cpu else COST
+    columns = (*costs, *HELD_OUT_SCORES)
     caption, lines = f"{title}: {_over(boards)}", _lines(boards, columns)
     table = _mean_table(boards, lines, columns, figures.means, figures, figures.data, caption, nothing=False)
     said = "Training is wall time; the clock is stopped while scoring. Peak memory is the whole process's."
@@ -183,7 +184,7 @@ def _mean_table(
     shown = [column for column in columns if column not in empty]
     paper = [column for column in figures.columns if any(column in row for row in theirs.values())]
     of_it = f"{figures.source} has no such figure of it"
-    changed = {entry.variant for board in boards for entry in board.members if entry.spec.overrides}
+    changed = {entry.variant for board in boards for entry in board.members if entry.changed}
     as_it_is = [line for variant, line in means.items() if variant not in changed]
     absent = [line for line in lines if _silent(line, shown) and _card_name(line.method) not in theirs]
     present = _sorted([line for line in lines if line not in absent], shown)

@@ -31,7 +31,8 @@ HEADER = (
     "across_blurred_psnr,across_clear_psnr,unscaled_psnr,unscaled_blurred_psnr,in_focus_psnr,in_focus_blurred_psnr,"
     "exif_spread,exif_ratio,resolved,ssim_uniform7,aif_ssim_uniform7,exif_focus,exif_focus_scatter,"
     "photo_sharp_psnr,photo_sharp_ssim,photo_no_lens,photo_at_bound,photo_covered,"
-    "photo_blur,photo_blur_bias,photo_sharp_blur,photo_fit_psnr,lens_energy,lens_seen,role,photographer,frozen"
+    "photo_blur,photo_blur_bias,photo_sharp_blur,photo_fit_psnr,lens_energy,lens_seen,"
+    "held_out_psnr,held_out_ssim,role,photographer,frozen"
 )
 
 
@@ -48,6 +49,16 @@ def test_the_header_is_exact_and_one_row_a_run(plain, call, made) -> None:
         assert float(row[column]) == pytest.approx(value, rel=CSV_DIGITS)
     pinhole = next(row for row in table if row["method"] == "pinhole")
     assert pinhole["psnr"] == pinhole["delta_a"] == "" and float(pinhole["aif_psnr"]) > 20
+
+
+def test_runs_with_held_out_pixels_are_rows_of_their_own(plain, call, made) -> None:
+    call()
+    found = read_result(call(held_out=0.2).folder)
+    _, out, _ = made()
+    shown = {row["preset"]: row for row in table_rows((out / "leaderboard.md").read_text(), "waves, refocus-v3")}
+    without, with_them = shown["quick"], shown["quick held_out=0.2"]
+    column = "held-out PSNR [dB] ↑"
+    assert with_them[column].strip("*") == f"{found.scores['held_out_psnr']:.2f}" and without[column].startswith("–")
 
 
 def test_the_page_explains_every_gap(plain, call, made) -> None:
