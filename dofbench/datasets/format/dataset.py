@@ -314,9 +314,9 @@ class Dataset:
             raise ValueError(f"held-out pixels: expected a share between 0 and 1, found {share}")
         found = {}
         for number, view in enumerate(self.training_views()):
-            mask = self.mask(view)
-            valid = np.ones((view.camera.height, view.camera.width), bool) if mask is None else mask
-            tiles = held_out_tiles(*valid.shape, share, _HELD_OUT_SEED, number) & valid
+            mask, (height, width) = self.mask(view), (view.camera.height, view.camera.width)
+            valid = np.ones((height, width), bool) if mask is None else mask
+            tiles = held_out_tiles(height, width, share, _HELD_OUT_SEED, number) & valid
             found[view.name] = tiles if (valid & ~tiles).any() else np.zeros_like(tiles)
         return found
 
