@@ -51,12 +51,14 @@ block() {
     published:*) run ${1#*:} $gaussians ;;
     shared:*) run ${1#*:} $shared --preset cpu-v2 ;;
     fields:*) run ${1#*:} $fields ;;
+    converge:*) run ${1#*:} $gaussians --converge ;; # a row is the length with the best PSNR on held-out pixels
+    seeds:*) run ${1#*:} ${five:?the five methods with the best mean of the first seed} --seed 1 --seeds 2 ;;
     sharp:*) run ${1#*:} lensselect --inputs all-in-focus --set sh_degree=3 ;;
     *) echo "no block $1" >&2 && exit 2 ;;
     esac
 }
 
 [ $# -gt 0 ] || set -- published:drinks peer:drinks published:attic published:room shared:drinks published:glaze published:chess \
-    shared:attic published:vases published:street shared:room published:desk published:moss shared:glaze published:firtree \
-    published:spokes fields:attic fields:room fields:glaze
+    converge:attic sharp:attic sharp:glaze shared:attic published:vases published:street converge:drinks shared:room \
+    published:desk published:moss shared:glaze published:firtree published:spokes fields:attic fields:room fields:glaze
 for one in "$@"; do block $one; done
