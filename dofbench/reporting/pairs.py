@@ -40,9 +40,9 @@ def pair_sections(
         kind, plural = "training" if column in LENS else "test", "" if counts == {1} else "s"
         views[f"{' or '.join(map(str, sorted(counts)))} {kind} view{plural}"] = None
     said = [f"Over {' and '.join(views)}; p of {COLUMNS[pairs[0].tested].label}; see *{TESTED}*."]
-    if found := [one for pair in pairs if (one := pair.compared[pair.tested].difference) is not None]:
-        scatters = [one.spread for one in found if one.spread]
-        said.append(design_words(max(one.pairs for one in found), max(one.groups for one in found), scatters))
+    if tested := [one for pair in pairs if (one := pair.compared[pair.tested].difference) is not None]:
+        scatters = [one.spread for one in tested if one.spread]
+        said.append(design_words(max(one.pairs for one in tested), max(one.groups for one in tested), scatters))
     rows = tuple(
         (
             *(words(" ".join(names[side]), signs[side]) for side in (pair.one, pair.other)),

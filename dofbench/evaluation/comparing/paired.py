@@ -166,11 +166,10 @@ def grouped_difference(groups: Sequence[Group]) -> Difference:
     if len(groups) == 1:  # over scenes, trainings differ from scene to scene, so their scatter is in the scenes'
         parts += [part for side in groups[0] if (part := _Part.of_seeds(side)) is not None]
     low, high, p = _by_t(found.mean, parts)
+    found = replace(found, low=low, high=high)
     if undecided(found.pairs, found.groups):
-        p = None
-    elif len(groups) == 1:
-        p = sign_flip(units)
-    return replace(found, low=low, high=high, p=p)
+        return found
+    return replace(found, p=sign_flip(units) if len(groups) == 1 else p)
 
 
 @dataclass(frozen=True)
