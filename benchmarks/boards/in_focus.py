@@ -1,9 +1,9 @@
 """All-in-focus renderings where the photograph is in focus: python -m benchmarks.boards.in_focus RUNS FILE
 
 A photograph with a shallow depth of field shows only a part of its scene sharply, and only there it says whether an
-all-in-focus rendering is right. Here it is the third of the scored pixels with the most energy in the finest band, by the
-photograph alone. Colours are fitted on the other half of its tiles, as for every score of photographs. In-focus surfaces
-without texture aren't in it.
+all-in-focus rendering is right. Here that is the third of the scored pixels with the most energy in the finest band, by
+the photograph alone. Colours are fitted on the other half of its tiles, as for every score of photographs. In-focus
+surfaces without texture aren't in it.
 """
 
 from __future__ import annotations
