@@ -47,14 +47,14 @@ class _Strict(BaseModel):
 
 class Capabilities(_Strict):
     """What a method can do. refocus: renders with a given lens. learns_lens: estimates the lens of
-    every training view. needs_points: can't start without sparse points. depth: renders depth. training_views: renders
-    the training views too, as pictures that others made may not."""
+    every training view. needs_points: can't start without sparse points. depth: renders depth. trains: false for
+    pictures of the test views that others made: there are none of training views, and what they cost isn't known."""
 
     refocus: bool
     learns_lens: bool
     needs_points: bool
     depth: bool = True
-    training_views: bool = True
+    trains: bool = True
 
 
 class Claims(_Strict):

@@ -279,7 +279,7 @@ def _left_out(entry: MethodEntry, protocol: Protocol, stages: list[Stage], missi
     elif no_lens:
         lensless = f"{WITHOUT_LENS}: lens disabled: {no_lens}"
     no_depth = "" if capabilities.depth else "the method renders no depth"
-    unseen = "" if capabilities.training_views else "the method has no pictures of training views"
+    unseen = "" if capabilities.trains else "the method has no pictures of training views"
     reasons = (
         (tuple(column for column in protocol.photograph if column in OF_LENSES), lensless),
         ((FIT_CEILING,) if protocol.photograph else (), unseen),

@@ -57,6 +57,7 @@ from dofbench.runtime.supervised import on_death, supervised
 
 IMPORT, WARM_UP, TRAIN = "import", "warm up", "train"
 TRAINED_FILE = "trained.json"
+_SPENT = ("train_s", "train_cpu_s", "cold_start_s", "peak_mb")
 _WIDEST = 96  # pixels of the warm-up's images: enough to run every kernel, too few to spend time on
 
 
@@ -394,6 +395,10 @@ class Execution:
             "cold_start_s": sum(stages[name]["wall"] for name in (IMPORT, WARM_UP) if name in stages),
         }
         scores["peak_mb"] = max(provenance.peak_memory_mb(), trained.peak_mb if trained else 0.0)
+        curve = trained.curve if trained else observer.curve if observer else []
+        if not self.entry.card.capabilities.trains:
+            left_out |= {column: "the pictures were made elsewhere, at an unknown cost" for column in _SPENT}
+            scores, curve = {column: score for column, score in scores.items() if column not in _SPENT}, []
         events = [*(observer.nonfinite if observer else ()), *(outcome.nonfinite if outcome else ()), *found.nonfinite]
         return Result(
             schema_version=SCHEMA_VERSION,
@@ -429,7 +434,7 @@ class Execution:
             fits=found.fits,
             apertures=apertures,
             foci=found.foci,
-            curve=trained.curve if trained else observer.curve if observer else [],
+            curve=curve,
             stages={name: StageTime.model_validate(time) for name, time in stages.items()},
             method_stages=outcome.stages if outcome else {},
             description=self.description,

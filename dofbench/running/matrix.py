@@ -104,10 +104,15 @@ def summary(batch: Batch) -> list[str]:
 
 def _design(plans: Sequence[Plan]) -> str:
     """What the report won't be able to decide about several methods, before anything runs."""
-    datasets = {plan.spec.dataset_checksum: plan.by_data.test_views for plan in plans}
-    several = len({(plan.spec.method, plan.spec.preset, plan.spec.budget) for plan in plans}) > 1
-    nothing = undecided(sum(datasets.values()), len(datasets)) if several else ""
-    return f"; {nothing}" if nothing else ""
+    if len({(plan.spec.method, plan.spec.preset, plan.spec.budget) for plan in plans}) == 1:
+        return ""
+    found = []
+    for protocol in dict.fromkeys(plan.spec.protocol for plan in plans):  # scenes of one protocol are averaged
+        views = {
+            plan.spec.dataset_checksum: plan.by_data.test_views for plan in plans if plan.spec.protocol == protocol
+        }
+        found.append(undecided(sum(views.values()), len(views)))
+    return "".join(f"; {nothing}" for nothing in dict.fromkeys(found) if nothing)
 
 
 def all_lines(settings: Runs, batch: Batch) -> list[str]:

@@ -65,6 +65,7 @@ def _work(plan: Plan, report: Report, *, wait: bool) -> str:
     except HeldElsewhere as error:
         raise Busy(str(error)) from None
     result = read_result(outcome.folder)
-    trained = f"{result.scores['steps']:.0f} steps in {result.scores['train_s']:.0f} s"
+    seconds = result.scores.get("train_s")
+    trained = f"{result.scores['steps']:.0f} steps" + ("" if seconds is None else f" in {seconds:.0f} s")
     parts = [f"{result.status}, {trained}", *(["by another process"] * outcome.reused)]
     return f"{result.spec.folder}: {', '.join(parts)}" + (f": {result.message}" if result.message else "")

@@ -207,7 +207,7 @@ def test_bounds_stand_beside_the_score_and_the_page_says_what_cannot_rank(
 def test_pictures_of_test_views_alone_are_scored(call: Callable[..., Outcome], tmp_path: Path) -> None:
     """A method whose pictures others made has none of training views, and isn't asked for them."""
     card, code = ((tmp_path / "methods" / "pinhole" / name) for name in ("method.toml", "trainer.py"))
-    card.write_text(card.read_text().replace("[capabilities]", "[capabilities]\ndepth = false\ntraining_views = false"))
+    card.write_text(card.read_text().replace("[capabilities]", "[capabilities]\ndepth = false\ntrains = false"))
     asked = tmp_path / "asked"
     told = f"    def render(self, camera, lens):\n        open({str(asked)!r}, 'a').write(f'{{camera.centre}}\\n')"
     code.write_text(code.read_text().replace("    def render(self, camera, lens):", told))
@@ -215,6 +215,11 @@ def test_pictures_of_test_views_alone_are_scored(call: Callable[..., Outcome], t
     result = read_result(call(method="pinhole", data=data).folder)
     assert result.status is Status.OK and "photo_psnr" in result.scores and "photo_fit_psnr" not in result.scores
     assert "no pictures of training views" in result.left_out["photo_fit_psnr"]
+    assert not {"train_s", "train_cpu_s", "cold_start_s", "peak_mb"} & result.scores.keys() and result.curve == []
+    assert (
+        "made elsewhere" in result.left_out["train_s"]
+        and check_result(call(method="pinhole", data=data).folder).problems == []
+    )
     dataset = Dataset.load(data)
     assert set(asked.read_text().splitlines()) == {str(view.camera.centre) for view in dataset.test_views()}
 

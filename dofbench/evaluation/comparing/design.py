@@ -16,7 +16,10 @@ _MOST = 10_000  # units
 
 
 def undecided(views: int, scenes: int) -> str:
-    """Why no test can tell two methods apart on so many views in all of so many scenes; "" where one can."""
+    """Why no test can tell two methods apart on so many views in all of so many scenes; "" where one can, or there is
+    nothing to compare."""
+    if views == 0:
+        return ""
     if scenes == 1 and views < FEWEST:
         least = 2.0 ** (1 - views)
         return (
