@@ -397,7 +397,7 @@ class Execution:
         scores["peak_mb"] = max(provenance.peak_memory_mb(), trained.peak_mb if trained else 0.0)
         curve = trained.curve if trained else observer.curve if observer else []
         if not self.entry.card.capabilities.trains:
-            left_out |= {column: "the pictures were made elsewhere, at an unknown cost" for column in _SPENT}
+            left_out |= dict.fromkeys(_SPENT, "the pictures were made elsewhere, at an unknown cost")
             scores, curve = {column: score for column, score in scores.items() if column not in _SPENT}, []
         events = [*(observer.nonfinite if observer else ()), *(outcome.nonfinite if outcome else ()), *found.nonfinite]
         return Result(
