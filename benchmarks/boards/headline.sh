@@ -16,8 +16,8 @@
 #     not of BAGS, CoCoGaussian and gsplat's module.
 # Changed before any rendered or blurred scene had been run:
 #   - A rendered or blurred scene is two blocks, the methods that took at most five minutes on drinks (quick:) and the
-#     three that took longer (slow:), whose names decide, not their scores. quick: comes first on three scenes, as only
-#     three scenes can decide anything; then slow: on the same three.
+#     three that took longer (slow:), whose names decide, not their scores. quick: comes first, on three rendered scenes,
+#     as only three scenes of one kind of defocus can decide anything; then slow: on the same three.
 # What a block has finished is kept: called again, it goes on.
 set -e
 scenes=$1 out=$2
@@ -69,8 +69,8 @@ block() {
     esac
 }
 
-[ $# -gt 0 ] || set -- published:drinks peer:drinks shared:drinks quick:attic quick:room quick:glaze \
-    slow:attic slow:room slow:glaze published:chess converge:attic sharp:attic sharp:glaze shared:attic \
-    quick:vases quick:street converge:drinks shared:room quick:desk quick:moss shared:glaze quick:firtree quick:spokes \
-    slow:vases slow:street fields:attic fields:room fields:glaze
+[ $# -gt 0 ] || set -- published:drinks peer:drinks shared:drinks quick:attic quick:glaze quick:street \
+    slow:attic slow:glaze slow:street quick:room slow:room published:chess converge:attic sharp:attic sharp:glaze \
+    shared:attic quick:vases quick:moss converge:drinks shared:room quick:desk quick:firtree shared:glaze quick:spokes \
+    slow:vases slow:moss slow:desk slow:firtree slow:spokes fields:attic fields:glaze fields:room
 for one in "$@"; do block $one; done
