@@ -49,20 +49,31 @@ class PointCloud:
         return PointCloud(self.xyz[keep], self.rgb[keep], self.error[keep], tracks)
 
     def seen_from(self, view: int) -> np.ndarray:
-        """(P,) bool: the points that view number `view` saw. Raises ValueError where tracks are unknown."""
+        """(M,) indices of the points that view number `view` saw, in order. Raises ValueError where tracks are
+        unknown."""
         if self.views is None:
             raise ValueError("points: expected tracks, found none")
-        seen = np.zeros(len(self), dtype=bool)
-        seen[self._sightings[1][self._sightings[0] == view]] = True
-        return seen
+        starts, points = self._by_view
+        return points[starts[view] : starts[view + 1]] if 0 <= view < len(starts) - 1 else points[:0]
 
     @cached_property
-    def _sightings(self) -> tuple[np.ndarray, np.ndarray]:
-        """(view, point) of every sighting."""
+    def _by_view(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where each view's points begin, and after the last view's; the points of all views, one view after another.
+        Looking through all points anew for each view would take a time that grows with the square of a scene."""
         tracks = self.views or ()
-        lengths = [len(track) for track in tracks]
-        views = np.concatenate([np.asarray(track, np.int64) for track in tracks] or [np.empty(0, np.int64)])
-        return views, np.repeat(np.arange(len(lengths)), lengths)
+        views = np.concatenate([np.empty(0, np.int64), *tracks]).astype(np.int64)
+        points = np.repeat(np.arange(len(tracks)), [len(track) for track in tracks])
+        count = int(views.max(initial=-1)) + 1
+        found = np.unique(views * len(tracks) + points)
+        return np.searchsorted(found, np.arange(count + 1) * len(tracks)), found % max(len(tracks), 1)
+
+    def with_sightings(self, seen: Sequence[np.ndarray]) -> PointCloud:
+        """The points with other tracks. seen: of each view, the indices of the points that it saw."""
+        views = np.repeat(np.arange(len(seen)), [len(points) for points in seen])
+        points = np.concatenate([np.empty(0, np.int64), *seen])
+        views = views[np.argsort(points, kind="stable")]
+        tracks = np.split(views, np.cumsum(np.bincount(points, minlength=len(self)))[:-1]) if len(self) else ()
+        return replace(self, views=tuple(tracks))
 
     def seen_by(self, views: Sequence[int]) -> PointCloud:
         """The points that at least one of these views saw, with tracks that index into `views`.
@@ -71,14 +82,9 @@ class PointCloud:
         """
         if self.views is None:
             return self
-        place = np.full(max((int(track.max()) for track in self.views if len(track)), default=-1) + 1, -1)
-        for position, view in enumerate(views):
-            if view < len(place):
-                place[view] = position
-        tracks = [place[track] for track in self.views]
-        tracks = [np.sort(track[track >= 0]) for track in tracks]
-        kept = np.array([len(track) > 0 for track in tracks], dtype=bool)
-        return replace(self, views=tuple(tracks)).kept(kept)
+        found = self.with_sightings([self.seen_from(view) for view in views])
+        assert found.views is not None
+        return found.kept(np.array([len(track) > 0 for track in found.views], dtype=bool))
 
 
 @dataclass(frozen=True, eq=False)

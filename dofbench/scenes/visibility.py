@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -34,14 +34,12 @@ class Seen:
 
 def visible(points: PointCloud, camera: Camera, view: int) -> Seen:
     """The points visible in view number `view`: by their tracks; without tracks, inside the image and not `hidden`."""
-    xy, depth = camera.project(points.xyz)
-    seen = camera.inside(xy)
-    if points.views is not None:
-        seen &= points.seen_from(view)
-    index = np.nonzero(seen)[0]
+    index = np.arange(len(points)) if points.views is None else points.seen_from(view)
+    xy, depth = camera.project(points.xyz[index])
+    inside = camera.inside(xy)
     if points.views is None:
-        index = index[~hidden(xy[index], depth[index], camera.width)]
-    return Seen(index, xy[index], depth[index])
+        inside[inside] = ~hidden(xy[inside], depth[inside], camera.width)
+    return Seen(index[inside], xy[inside], depth[inside])
 
 
 def unmasked_points(
@@ -53,24 +51,31 @@ def unmasked_points(
     """
     if points is None or points.views is None or all(mask is None for mask in masks):
         return points
-    masked = np.zeros((len(cameras), len(points)), bool)
+    keep = []
     for index, (camera, mask) in enumerate(zip(cameras, masks, strict=True)):
+        seen = points.seen_from(index)
+        valid = np.ones(len(seen), bool)
         if mask is not None:
-            xy, _ = camera.project(points.xyz)
+            xy, _ = camera.project(points.xyz[seen])
             inside = camera.inside(xy)
-            column, row = np.where(inside[:, None], xy, 0).astype(np.int64).T
-            masked[index] = inside & ~mask[row, column]
-    tracks = tuple(track[~masked[track, point]] for point, track in enumerate(points.views))
-    kept = np.array([len(now) > 0 or not len(was) for now, was in zip(tracks, points.views, strict=True)], bool)
-    return replace(points, views=tracks).kept(kept)
+            column, row = xy[inside].astype(np.int64).T
+            valid[inside] = mask[row, column]
+        keep.append(seen[valid])
+    now = points.with_sightings(keep)
+    assert now.views is not None
+    left = [len(track) > 0 or not len(was) for track, was in zip(now.views, points.views, strict=True)]
+    return now.kept(np.array(left, bool))
 
 
 def in_front(points: PointCloud, cameras: Sequence[Camera]) -> PointCloud:
     """The points with tracks limited to views that the point lies in front of. points.views index into the cameras."""
     if points.views is None:
         return points
-    before = np.stack([camera.project(points.xyz)[1] > 0 for camera in cameras])
-    return replace(points, views=tuple(track[before[track, index]] for index, track in enumerate(points.views)))
+    keep = []
+    for index, camera in enumerate(cameras):
+        seen = points.seen_from(index)
+        keep.append(seen[camera.project(points.xyz[seen])[1] > 0])
+    return points.with_sightings(keep)
 
 
 def hidden(xy: np.ndarray, depth: np.ndarray, width: int) -> np.ndarray:

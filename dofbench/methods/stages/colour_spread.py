@@ -33,16 +33,36 @@ def view_gains(colours: np.ndarray) -> np.ndarray:
     gains = np.full((len(colours), 3), np.nan)
     if told.sum() < LEAST_VIEWS:
         return gains
-    points = usable.any(axis=0)
-    left = np.log(np.where(usable[..., None], colours, np.nan)[told][:, points])
-    found = np.zeros((int(told.sum()), 3))
-    for _ in range(ROUNDS):
-        left -= np.nanmedian(left, axis=0)
-        step = np.nanmedian(left, axis=1)
-        left -= step[:, None]
-        found += step
-    gains[told] = found - np.median(found, axis=0)
+    view, point = (np.unique(index, return_inverse=True)[1] for index in np.nonzero(usable))
+    for channel in range(3):
+        left = np.log(colours[..., channel][usable]).astype(np.float32)
+        found = np.zeros(int(told.sum()))
+        for _ in range(ROUNDS):
+            left -= _medians(left, point)[point]
+            step = _medians(left, view)
+            left -= step[view]
+            found += step
+        gains[told, channel] = found - np.median(found)
     return gains
+
+
+def _medians(values: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """(G,) median of each group's values, (N,) float32. group: (N,) 0 ... G - 1, each with a member.
+
+    One sort of whole numbers does for all groups: above the group, below the value's bits, turned so that they sort as
+    the values do.
+    """
+    bits = values.view(np.uint32)
+    negative = bits >> np.uint32(31) == 1
+    keys = group.astype(np.uint64) << np.uint64(32) | np.where(negative, ~bits, bits | np.uint32(1 << 31))
+    keys.sort()
+    bits = keys.astype(np.uint32)
+    ordered = np.where(bits >> np.uint32(31) == 1, bits ^ np.uint32(1 << 31), ~bits).view(np.float32)
+    ends = np.cumsum(np.bincount(group))
+    starts = np.append(0, ends[:-1])
+    low, high = starts + (ends - starts - 1) // 2, starts + (ends - starts) // 2
+    middle: np.ndarray = (ordered[low] + ordered[high]) * np.float32(0.5)
+    return middle
 
 
 def colour_spread(colours: np.ndarray) -> float | None:

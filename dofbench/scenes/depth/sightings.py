@@ -75,7 +75,7 @@ def scene_sightings(scene: Scene, need: str) -> SceneSightings:
 
 
 def _of_view(points: PointCloud, camera: Camera, view: int, usual: float) -> Sightings:
-    chosen = np.arange(len(points)) if points.views is None else np.flatnonzero(points.seen_from(view))
+    chosen = np.arange(len(points)) if points.views is None else points.seen_from(view)
     xy, depth = camera.project(points.xyz[chosen])
     inside = camera.inside(xy)
     if points.views is None:

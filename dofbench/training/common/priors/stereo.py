@@ -8,7 +8,6 @@ is kept if its score, its margin over other planes and its agreement with other 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 import torch
@@ -21,6 +20,7 @@ from dofbench.core.masks import shrunk_mask
 from dofbench.core.progress import Update, silent
 from dofbench.runtime.ops import load
 from dofbench.training.common.depth import DepthMap, all_disparities
+from dofbench.training.common.priors.stereo_sources import choose_sources
 
 SOURCES, BEST = 4, 2  # number of views that a view is matched with, and how many of the best scores are averaged
 RADIUS = 3  # pixels of the window around its centre, at every scale
@@ -33,8 +33,6 @@ TOGETHER = 8  # the kernels process planes in groups of this size, so a multiple
 MARGIN, QUANTILE = 0.1, 0.005
 # Penalties of semiglobal matching, in units of correlation; grey difference that counts as an edge
 SMALL, LARGE, EDGE = 0.05, 0.6, 0.05
-# Degrees between two views' rays: smaller angles are imprecise, at larger ones surfaces look different
-ANGLE = (3.0, 12.0)
 SCORE, DISTINCT = 0.6, 0.05  # least correlation, and least margin over other planes, of a depth that is kept
 OUTLINE, JUMP = 3, 0.03  # px around a surface that is farther by this share of the planes' range
 # Projecting to another view and back: tolerated error in the image, and relative to the depth
@@ -138,41 +136,6 @@ def disparity_bounds(training_set: TrainingSet) -> tuple[float, float]:
     low, high = (float(value) for value in np.quantile(found, (QUANTILE, 1 - QUANTILE)))
     beyond = MARGIN * (high - low)
     return max(low - beyond, 0.1 * low), high + beyond
-
-
-def choose_sources(training_set: TrainingSet, most: int = SOURCES) -> list[list[int]]:
-    """For each view up to `most` others to match it with, best first: with many common points at a suitable angle."""
-    points, views = training_set.points, training_set.views
-    assert points is not None
-    count = len(views)
-    seen = np.zeros((count, len(points)), dtype=bool)
-    rays = np.empty((count, len(points), 3))
-    for index, view in enumerate(views):
-        if points.views is not None:
-            seen[index] = points.seen_from(index)
-        else:
-            seen[index] = view.camera.inside(view.camera.project(points.xyz)[0])
-        rays[index] = points.xyz - view.camera.centre
-        rays[index] /= np.linalg.norm(rays[index], axis=1, keepdims=True)
-    worth = np.full((count, count), -np.inf)
-    for one, other in combinations(range(count), 2):
-        common = np.flatnonzero(seen[one] & seen[other])
-        if len(common):
-            worth[one, other] = worth[other, one] = _fairness(rays[one][common], rays[other][common]).sum()
-    for one in range(count):
-        # Cameras without common points may still see a common surface; they are ranked after all others.
-        if np.count_nonzero(worth[one] >= 0) < min(most, count - 1):
-            for unseen in np.flatnonzero(worth[one] == -np.inf):
-                worth[one, unseen] = -1 + 1e-3 * _fairness(rays[one], rays[unseen]).mean()
-        worth[one, one] = -np.inf
-    order = np.argsort(-worth, axis=1, kind="stable")
-    return [[int(other) for other in others if other != one][:most] for one, others in enumerate(order)]
-
-
-def _fairness(rays: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(M,) 0 ... 1: how suitable the angles between rays (M, 3) of two views are for matching; 1 within ANGLE."""
-    angle = np.degrees(np.arccos(np.clip((rays * others).sum(axis=1), -1, 1)))
-    return np.minimum(angle / ANGLE[0], 1) ** 2 * np.minimum(ANGLE[1] / np.maximum(angle, 1e-9), 1) ** 2
 
 
 def _pyramid(image: np.ndarray, camera: Camera, count: int, device: str = "cpu") -> list[_Level]:
