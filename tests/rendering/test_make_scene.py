@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from called import dofbench, killed
+from made_up import frontal
 from tolerances import FLOAT16_VALUE, FLOAT64_VALUE, LEVEL_8BIT
 
 from dofbench.cli import app
@@ -20,6 +21,7 @@ from dofbench.core.lens import DisparityRange, Lens
 from dofbench.optics.tone import encode
 from dofbench.scenes import load_scene
 from dofbench.scenes.depth.disparity import scene_range
+from dofbench.scenes.procedural import sparse_points
 
 SMALL = "--views 3 --width 40 --height 30 --samples 8 --lens-views 1 --lens-samples 8 --focus 0.2,0.8 --aperture 1"
 
@@ -72,6 +74,12 @@ def test_the_scene_is_read_with_its_exact_depth(made):
         np.testing.assert_array_equal(view.depth(), read_exr(made / "depth" / f"{view.name}.exr"))
         linear = read_exr(made / "images_linear" / f"{view.name}.exr")
         assert np.abs(encode(np.clip(linear, 0, 1)) - view.image()).max() <= 0.5 * LEVEL_8BIT + FLOAT16_VALUE
+
+
+def test_views_that_see_no_point_have_no_depth_errors():
+    """As few small views may end: triangulation finds points, but none in some of them."""
+    model = sparse_points._posed([frontal(8, 6, 9.0)], ["view.png"], None)
+    assert sparse_points.depth_errors([frontal(8, 6, 9.0)], model, [np.ones((6, 8))]).shape == (0,)
 
 
 def test_lenses_are_stated_in_both_units(made):

@@ -73,8 +73,9 @@ def depth_errors(cameras: Sequence[Camera], model: Any, depths: Sequence[np.ndar
     errors = []
     for index, camera in enumerate(cameras):
         seen = [point for point in model.image(index + 1).points2D if point.has_point3D()]
-        _, z = camera.project(np.array([model.point3D(point.point3D_id).xyz for point in seen]))
-        column, row = np.floor(np.array([point.xy for point in seen])).astype(int).T
+        # A view that sees no point gives an array without a shape of its own.
+        _, z = camera.project(np.array([model.point3D(point.point3D_id).xyz for point in seen]).reshape(-1, 3))
+        column, row = np.floor(np.array([point.xy for point in seen]).reshape(-1, 2)).astype(int).T
         errors.append(np.abs(z / depths[index][row, column] - 1))
     return np.concatenate(errors)
 
