@@ -22,10 +22,11 @@ from typing import Any
 
 from dofbench import __version__
 from dofbench.core.clock import loading
-from dofbench.core.errors import InputError, interruption, one_line, out_of_memory, unknown
+from dofbench.core.errors import InputError, Interrupted, interruption, one_line, out_of_memory, unknown
 
 DONE, FAILED, WRONG_CALL, NOT_RECOMPUTED = 0, 1, 2, 3
 _INTERRUPTED = "interrupted; rerun the same command to resume"
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR2)
 _REPEATED = 1.0  # seconds within which a second signal is the first one that came twice
 
 
@@ -101,14 +102,6 @@ commands:
 {commands}
 
 Options of a command: dofbench COMMAND --help. The version: dofbench --version."""
-
-
-class Interrupted(KeyboardInterrupt):
-    """A signal asked the process to end; `number` is the signal's."""
-
-    def __init__(self, number: int):
-        self.number = number
-        super().__init__(number)
 
 
 def parse(arguments: Sequence[str]) -> Any:
@@ -237,7 +230,7 @@ def _end(status: int, message: str) -> int:
 
 @contextmanager
 def _signals_as_exceptions() -> Iterator[None]:
-    """End a command by SIGTERM as by Ctrl-C: through its `finally` blocks, with files whole.
+    """End a command by SIGTERM or SIGUSR2 as by Ctrl-C: through its `finally` blocks, with files whole.
 
     A signal that comes twice within a second, from the terminal and forwarded by the parent process, counts once.
     """
@@ -249,7 +242,7 @@ def _signals_as_exceptions() -> Iterator[None]:
         if earlier is None or now - earlier >= _REPEATED:
             raise Interrupted(number)
 
-    previous = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    previous = {number: signal.signal(number, interrupt) for number in _ENDING}
     try:
         yield
     finally:

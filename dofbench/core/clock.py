@@ -49,6 +49,10 @@ class Stopwatch:
         self._wall, self._cpu = self._wall + other._wall, self._cpu + other._cpu
         other._wall = other._cpu = 0.0
 
+    def add(self, wall: float, cpu: float) -> None:
+        """Add seconds of an earlier process, whose work goes on in this one."""
+        self._wall, self._cpu = self._wall + wall, self._cpu + cpu
+
     @contextmanager
     def running(self) -> Iterator[None]:
         """Run during the block."""

@@ -223,6 +223,18 @@ class Observer(Protocol):
         """
 
 
+@runtime_checkable
+class Resumes(Protocol):
+    """A method whose training can go on in another process, as after a machine was taken away."""
+
+    def training_state(self) -> object:
+        """Everything that training has changed so far; asked for within `Observer.after_step`, and pickled at once."""
+
+    def go_on_from(self, state: Any) -> None:
+        """Let the next `fit`, on the same training set, go on from what `training_state` gave. On a CPU the rest of the
+        training is the same to the bit."""
+
+
 class Method(Protocol):
     """What `methods/<id>/` must offer under the class name given in its method.toml."""
 

@@ -108,6 +108,14 @@ def interruption(error: BaseException) -> KeyboardInterrupt | None:
     return behind
 
 
+class Interrupted(KeyboardInterrupt):
+    """A signal asked the process to end; `number` is the signal's."""
+
+    def __init__(self, number: int):
+        self.number = number
+        super().__init__(number)
+
+
 class Status(StrEnum):
     """How a run ended. Every value but `OK` is a typed failure that a table shows by name."""
 
@@ -116,6 +124,7 @@ class Status(StrEnum):
     OUT_OF_MEMORY = "out_of_memory"
     OUT_OF_TIME = "out_of_time"
     CRASHED = "crashed"
+    INTERRUPTED = "interrupted"
 
 
 class Ended(Exception):

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from dofbench.core.budget import Budget
 from dofbench.core.clock import StageTimes, loading, timestamp
-from dofbench.core.contracts import LENS_MEASURED, Decision, FitOutcome, Method, TrainingSet
+from dofbench.core.contracts import LENS_MEASURED, Decision, FitOutcome, Method, Resumes, TrainingSet
 from dofbench.core.errors import Ended, InputError, Status, interruption, out_of_memory
 from dofbench.core.evidence import ROLE_SAYS
 from dofbench.core.files import read_json, refuse_links_outside, sha256_file, write_json
@@ -45,6 +45,7 @@ from dofbench.evaluation.results.run_lease import record_out_of_memory, run_leas
 from dofbench.evaluation.scoring.evaluate import Evaluation, Evaluator
 from dofbench.evaluation.scoring.held_out_scores import held_out_scores
 from dofbench.methods.cards import MethodEntry, find_method
+from dofbench.running.checkpoints import Checkpoints
 from dofbench.running.data_plan import decided, revised
 from dofbench.running.observer import OneStep, TrainingObserver
 from dofbench.running.plan import Plan
@@ -164,6 +165,8 @@ class Execution:
         self.stages, self.already_compiled = stages, already_compiled
         self._use(method)
         self.observer: TrainingObserver | None = None
+        self.checkpoints: Checkpoints | None = None
+        self.resumed: list[int] = []
         self.do_nothing: dict[str, float] = {}
         self.description: dict[str, float] = {}
         self.started = timestamp()
@@ -197,9 +200,8 @@ class Execution:
             raise
         except (Exception, KeyboardInterrupt) as error:
             if (stop := interruption(error)) is not None:
-                self._finish(
-                    Status.CRASHED, f"interrupted after {self._steps(trained)} steps", "", trained, Evaluation()
-                )
+                message = f"after {self._steps(trained)} steps; the same command goes on"
+                self._finish(Status.INTERRUPTED, message, "", trained, Evaluation())
                 raise stop from None
             status, message = classify(error)
             trace = traceback.format_exc()
@@ -237,13 +239,20 @@ class Execution:
             evaluate = partial(self.evaluator.quick, show)
             watched = self.plan.settings.watch and not self.entry.card.elsewhere
             snapshots = Snapshots(self.folder, self.method, self.spec, self.dataset.folder) if watched else None
-            observer = TrainingObserver(self.budget, clock, evaluating, evaluate, self.progress, add, snapshots)
+            kept = self.checkpoints = self._checkpoints()
+            observer = TrainingObserver(self.budget, clock, evaluating, evaluate, self.progress, add, snapshots, kept)
             self.observer = observer
+            if kept is not None and (observed := kept.go_on()) is not None:
+                observer.go_on_from(observed)
+                self.started = kept.started
+                say(self.console, f"going on after step {observer.steps}, where the training was cut off")
             try:
-                with clock.running(), feeding(self.spec.device):
+                with kept.listening() if kept else nullcontext(), clock.running(), feeding(self.spec.device):
                     outcome = self.method.fit(training_set, self.budget, observer)
             finally:
                 self.progress.close()
+                if kept is not None and kept.problem:
+                    say(self.console, kept.problem)
             # The end alone is seen of a training elsewhere, so its first step says nothing about the budget.
             failure = None if self.entry.card.elsewhere else observer.failure()
             if failure is not None and outcome.status is Status.OK:
@@ -280,9 +289,21 @@ class Execution:
                     "compiled": trained.compiled,
                     "stages": trained.stages,
                     "held_out": trained.held_out,
+                    "resumed": self._resumed_after(),
                 },
             )
+            if kept is not None:
+                kept.remove()
         return trained
+
+    def _checkpoints(self) -> Checkpoints | None:
+        """Of the method that trains; None for one that can't go on in another process."""
+        if not isinstance(self.method, Resumes):
+            return None
+        checkpoints = Checkpoints(self.folder, self.spec.key, self.method, self.started)
+        if self.plan.settings.rerun:
+            checkpoints.remove()
+        return checkpoints
 
     def _warm_up(self, training_set: TrainingSet) -> None:
         with self.progress.uncounted("JIT compilation and warm-up"), self.stages[WARM_UP].running():
@@ -308,7 +329,7 @@ class Execution:
         say(self.console, "using the finished training; scores are still to be computed")
         with self.stages["load model"].running():
             self.method.load(self.folder / MODEL_FOLDER)
-        self.started = data["started"]
+        self.started, self.resumed = data["started"], data.get("resumed", [])
         decisions = tuple(Decision(**decision) for decision in data.get("decisions", ()))
         outcome = FitOutcome(
             Status.OK, data["steps"], data["message"], (), data["method_stages"], data["left_out"], decisions
@@ -356,6 +377,10 @@ class Execution:
             if file.is_file()
         }
 
+    def _resumed_after(self) -> list[int]:
+        """The steps after which a later process went on with the training."""
+        return self.resumed if self.checkpoints is None else self.checkpoints.resumed
+
     def _steps(self, trained: _Trained | None) -> int:
         if trained is not None:
             return trained.outcome.steps
@@ -365,6 +390,8 @@ class Execution:
         result = self._result(status, message, trace, trained, found)
         self.lease.check()
         write_result(self.folder, result)
+        if result.finished and self.checkpoints is not None:
+            self.checkpoints.remove()
         shutil.rmtree(self.folder / SNAPSHOT_FOLDER, ignore_errors=True)
         on_death(None)
         return result
@@ -438,6 +465,7 @@ class Execution:
             stages={name: StageTime.model_validate(time) for name, time in stages.items()},
             method_stages=outcome.stages if outcome else {},
             description=self.description,
+            resumed=self._resumed_after(),
             kernels_compiled=trained.compiled if trained else self._compiled(),
             model=self._model(),
             nonfinite=[Event(**asdict(event)) for event in events],

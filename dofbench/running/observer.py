@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from dofbench.core.budget import Budget
 from dofbench.core.clock import Stopwatch
@@ -11,6 +12,7 @@ from dofbench.core.contracts import NonFinite
 from dofbench.core.errors import Status
 from dofbench.core.progress import Progress
 from dofbench.evaluation.results.result import CurvePoint
+from dofbench.running.checkpoints import Checkpoints
 from dofbench.running.snapshots import Snapshots
 
 CURVE_FACTOR = 1.6  # ratio of two neighbouring evaluation times
@@ -43,7 +45,8 @@ class TrainingObserver:
     as diverged.
 
     evaluate: scores of the method as it is now, by column. log: called with each point of the curve. snapshots: saved
-    every few seconds. The time of both counts neither as training nor as evaluation.
+    every few seconds. checkpoints: saved every few minutes. The time of all three counts neither as training nor as
+    evaluation.
     """
 
     def __init__(
@@ -55,9 +58,11 @@ class TrainingObserver:
         progress: Progress,
         log: Callable[[CurvePoint], object] | None = None,
         snapshots: Snapshots | None = None,
+        checkpoints: Checkpoints | None = None,
     ):
         self._budget, self._clock, self._evaluating = budget, clock, evaluating
         self._evaluate, self._progress, self._log, self._snapshots = evaluate, progress, log, snapshots
+        self._checkpoints = checkpoints
         self._thresholds = [CURVE_FACTOR**-k for k in range(CURVE_POINTS, 0, -1)]
         self._losses: list[float] = []
         self._stopped = False
@@ -96,7 +101,32 @@ class TrainingObserver:
             self._show(step, loss, seconds)
             if self._snapshots is not None and self._snapshots.due():
                 self._snapshots.save(step)
+            if self._checkpoints is not None and not self._stopped and self._checkpoints.due():
+                self._checkpoints.save(step, self.state())
         return not self._stopped
+
+    def state(self) -> dict[str, Any]:
+        """What a later process needs to go on, for `go_on_from`."""
+        clocks = {"train": self._clock, "evaluate": self._evaluating}
+        return {
+            "seconds": {name: (clock.wall, clock.cpu) for name, clock in clocks.items()},
+            "thresholds": self._thresholds,
+            "losses": self._losses,
+            "first": self.first_step_seconds,
+            "steps": self.steps,
+            "curve": [point.model_dump() for point in self.curve],
+        }
+
+    def go_on_from(self, state: Mapping[str, Any]) -> None:
+        """Go on from the `state` of an earlier process: its clocks, curve and losses count."""
+        self._clock.add(*state["seconds"]["train"])
+        self._evaluating.add(*state["seconds"]["evaluate"])
+        self._thresholds, self._losses = state["thresholds"], state["losses"]
+        self.first_step_seconds, self.steps = state["first"], state["steps"]
+        self.curve = [CurvePoint.model_validate(point) for point in state["curve"]]
+        if self._log is not None:
+            for point in self.curve:
+                self._log(point)
 
     def stage(self, name: str, done: int, total: int) -> None:
         """See `Observer.stage`."""

@@ -8,6 +8,7 @@ import pickle
 import signal
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -25,6 +26,7 @@ from dofbench.runtime.supervised import recorded, report_deaths
 _THREADS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
 # With it a new Python process doesn't look for modules in the current folder, where a stranger's `random.py` may be.
 _SAFE_PATH = "PYTHONSAFEPATH"
+_GRACE = 20.0  # s in which a job may keep what it has, by ending the step of a training
 _VISIBLE = "CUDA_VISIBLE_DEVICES"  # GPUs that a process sees, numbered anew from 0
 
 
@@ -37,8 +39,9 @@ class LocalProcesses:
     what this one has. gpus: how many GPUs there are for jobs that ask for any; where there are several, a job sees none
     but its own, under the name that it asked for.
 
-    The processes share this one's threads: each has OMP_NUM_THREADS / workers of them. When this process ends, however,
-    they are killed: whatever they write must be atomic.
+    The processes share this one's threads: each has OMP_NUM_THREADS / workers of them. When this process is
+    interrupted, they get SIGTERM, and are killed a little later; when it is killed, at once: whatever they write must
+    be atomic.
     """
 
     def __init__(self, workers: int, memory_mb: float | None = None, gpus: int = 1):
@@ -90,6 +93,10 @@ class LocalProcesses:
                         watcher.put_off(name)
         finally:
             for one in running.values():
+                one.process.terminate()
+            ends = time.monotonic() + _GRACE
+            for one in running.values():
+                one.process.join(max(0.0, ends - time.monotonic()))
                 one.process.kill()
                 one.process.join()
         return [outcomes[job.name] for job in jobs]
@@ -193,6 +200,8 @@ def _work(pickled: bytes, pipe: Connection, safe_path: str | None) -> None:
             raise
         except Busy:
             pipe.send(("busy", ""))
+        except KeyboardInterrupt:
+            pipe.send(("problem", "interrupted"))
         except Exception as error:
             pipe.send(("problem", one_line(error) or traceback.format_exc()))
         pipe.close()

@@ -17,7 +17,7 @@ from dofbench.runtime.memory_evidence import SAMPLE_EVERY, MemoryWatch
 
 # Called by the parent with (why memory ran out, peak resident memory in MB); returns one line about what was recorded.
 OnDeath = Callable[[str, float], str]
-FORWARDED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+FORWARDED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR2)
 _PR_SET_PDEATHSIG = 1
 _TERMINAL = 0x80  # si_code of a signal that the kernel sent, as Ctrl-C: the child has it too
 

@@ -79,6 +79,7 @@ class MaskedBlur(LearnedBlur):
         return in_a_row([self._adam.gradient(), self._enlarged.gradient()])
 
     def step(self, view: int, progress: float, cooldown: float) -> None:
+        self._mask = None  # with the graph behind it, of which a snapshot can't have a copy
         self._adam.step(progress, cooldown)
         self._enlarged.step(view, progress, cooldown)
 

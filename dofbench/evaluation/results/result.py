@@ -244,7 +244,7 @@ class Result(Stored):
     (`dofbench.methods.frozen_presets`), None before version 4. git: None outside a checkout. digest: of result.json's
     text (`dofbench.core.digests`); None before version 6 and before it is written. no_ranking: why the dataset can't
     rank lenses, by this run's lenses and depth (`evaluation/scoring/photographs/lens_evidence.py`); "" if it can, or if
-    that wasn't measured.
+    that wasn't measured. resumed: the steps after which another process went on with the training.
     """
 
     schema_version: int
@@ -287,6 +287,7 @@ class Result(Stored):
     packages: dict[str, str]
     digest: str | None = None
     no_ranking: str = ""
+    resumed: list[Annotated[int, Field(ge=0)]] = []
 
     @field_validator("plan", "machine")
     @classmethod

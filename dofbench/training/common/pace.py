@@ -9,8 +9,9 @@ are timed and undone, and while it trains the estimate follows the pace that is 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
+from typing import Any
 
 from dofbench.core.budget import Budget
 
@@ -21,6 +22,7 @@ _AGAIN = (0.1, 0.4)  # shares of the training at which stages are timed again
 _MOST = 0.02  # share of the budget after which no further stage is timed
 _SHORT = 0.01  # share of the budget: a step that took less is timed twice, as the first may be slow
 _LAST = math.nextafter(1.0, 0.0)
+_OF_THE_PROCESS = {"_budget", "_preset", "_seconds", "_probe"}
 
 
 class Pace:
@@ -48,6 +50,15 @@ class Pace:
         self._starts, self._probe = starts, probe
         self._again = [share for share in _AGAIN if again and share > self._share]
         self._measure()
+
+    def state(self) -> dict[str, Any]:
+        """What a training that is interrupted needs to go on, for `restore`."""
+        return {name: value for name, value in vars(self).items() if name not in _OF_THE_PROCESS}
+
+    def restore(self, state: Mapping[str, Any], probe: Probe) -> None:
+        """Go on from an earlier `state`. probe: as for `plan`."""
+        vars(self).update(state)
+        self._probe = probe
 
     def _measure(self) -> None:
         """Time the stages, the last before those between it and the present one, until that has taken its share of the

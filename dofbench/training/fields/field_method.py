@@ -44,6 +44,7 @@ class FieldMethod:
         self._scene: FieldScene | None = None
         self._trainer: FieldTrainer | None = None
         self._random = torch.Generator()
+        self._kept: dict[str, Any] | None = None  # state of a training in an earlier process
         self._names: list[str] = []
         self._colours: dict[str, np.ndarray] | None = None
         self._peak: dict[str, float] = {}
@@ -73,12 +74,29 @@ class FieldMethod:
         self._random = torch.Generator().manual_seed(self._seed)
         model = self.model(training_set, self._random)
         trainer = FieldTrainer(training_set, self._options, model, self._seed, self._device)
+        if self._kept is not None:
+            self._take_over(self._kept, trainer)
+            self._kept = None
         self._scene, self._trainer = trainer.scene, trainer
         self._names = [view.name for view in training_set.views]
         outcome = trainer.fit(budget, observer)
         self._colours = trainer.colour_estimates()
         self._peak = peak_mb(self._device)
         return outcome
+
+    def training_state(self) -> dict[str, Any]:
+        """See `dofbench.core.contracts.Resumes`."""
+        assert self._trainer is not None
+        return {"random": self._random, "trainer": self._trainer.training_state()}
+
+    def _take_over(self, kept: dict[str, Any], trainer: FieldTrainer) -> None:
+        """Take over what `training_state` gave, in which the forward model and the method share objects."""
+        self._random = kept["random"]
+        trainer.go_on_from(kept["trainer"])
+
+    def go_on_from(self, state: Any) -> None:
+        """See `dofbench.core.contracts.Resumes`."""
+        self._kept = state
 
     def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
         """Render all in focus; ValueError for a lens."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 import torch
@@ -30,6 +31,10 @@ _DRAWS, _DRAWN_BY = 4, 0  # predictions whose mean a predicted view is, and the 
 # Share of the training over which rates rise from 0 where views are from all around: with the whole rate from the start
 # every camera may get a haze before it that never goes (docs/notes/fields.md).
 _RISE = 0.1
+
+
+# What a training that goes on makes anew, as it made it at first.
+_MADE_ANEW = {"_options", "_pixels", "_device", "_pace", "_watch", "_reported", "_kept"}
 
 
 class FieldTrainer:
@@ -63,34 +68,54 @@ class FieldTrainer:
         self.loss: Tensor | None = None
         self._watch = Watch()
         self._reported = ReportedLoss(self._watch)
+        self._step_number = 0
+        self._pace: Pace | None = None  # of the training that is going on
+        self._kept: dict[str, Any] | None = None  # of the pace in an earlier process, to go on from
 
     def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
         """Train until the budget or the observer ends it. A non-finite value ends with the status "diverged"."""
         for op in sorted({"adam", "field", *self._model.kernels}):
             warm_up(op, kind_of(self._device))
-        pace = Pace(budget, self._options.rays.steps, observer.seconds)
-        step = 0
+        pace = self._pace = Pace(budget, self._options.rays.steps, observer.seconds)
+        probe = partial(self._time_of_a_step, observer)
         event: NonFinite | None = None
         try:
             self._pixels.check(step=1)
-            pace.plan(self._options.starts(), partial(self._time_of_a_step, observer), again=False)
-            while (progress := pace.progress(step)) < 1:
-                self.loss = self._step(step + 1, progress)
-                step += 1
-                if not observer.after_step(step, self._reported.after(step, self.loss)):
+            if self._kept is None:
+                pace.plan(self._options.starts(), probe, again=False)
+            else:
+                pace.restore(self._kept, probe)
+            while (progress := pace.progress(self._step_number)) < 1:
+                self.loss = self._step(self._step_number + 1, progress)
+                self._step_number += 1
+                if not observer.after_step(self._step_number, self._reported.after(self._step_number, self.loss)):
                     break
             self._watch.look()
         except NonFiniteError as error:
             event = error.event
-            step = max(step, event.step)  # the step that failed counts as taken
+            self._step_number = max(self._step_number, event.step)  # the step that failed counts as taken
             self._optimiser.zero_grad()
         return FitOutcome(
             status=Status.DIVERGED if event else Status.OK,
-            steps=step,
+            steps=self._step_number,
             message=str(event) if event else "",
             nonfinite=(event,) if event else (),
             stages=dict(self._clock.seconds),
         )
+
+    def training_state(self) -> dict[str, Any]:
+        """Everything that training has changed so far, to be asked for by an observer of a step, and to be pickled: the
+        objects themselves, not copies."""
+        assert self._pace is not None
+        self._watch.look()
+        own = {name: value for name, value in vars(self).items() if name not in _MADE_ANEW}
+        return {"own": own, "pixels": self._pixels.state(), "pace": self._pace.state()}
+
+    def go_on_from(self, kept: dict[str, Any]) -> None:
+        """Let `fit` go on from the state of an earlier process; on a CPU the rest is the same to the bit."""
+        vars(self).update(kept["own"])
+        self._pixels.restore(kept["pixels"])
+        self._kept = kept["pace"]
 
     def _time_of_a_step(self, observer: Observer, progress: float) -> float:
         """Seconds of a step at `progress`, by a copy of the training before its first step."""

@@ -24,6 +24,7 @@ from dofbench.training.common.lenses import LearnedLenses, LensOptions, first_le
 from dofbench.training.fields.field_method import FieldMethod
 from dofbench.training.fields.field_options import FieldOptions
 from dofbench.training.fields.field_scene import FieldScene
+from dofbench.training.fields.field_trainer import FieldTrainer
 from dofbench.training.fields.pixels import CameraTable, whole_image
 from dofbench.training.fields.ray_model import RayModel, mixed
 
@@ -74,6 +75,14 @@ class LensFieldMethod(FieldMethod, ABC):
         lenses = first_lenses(views, bounds, options, self._device)
         self._learned = lenses, [(view.name, view.camera.width) for view in views]
         return self.lens_model(lenses, generator)
+
+    def training_state(self) -> dict[str, Any]:
+        """See `dofbench.core.contracts.Resumes`."""
+        return {**super().training_state(), "learned": self._learned}
+
+    def _take_over(self, kept: dict[str, Any], trainer: FieldTrainer) -> None:
+        super()._take_over(kept, trainer)
+        self._learned = kept["learned"]
 
     @abstractmethod
     def lens_model(self, lenses: LearnedLenses, generator: torch.Generator) -> RayModel:

@@ -94,6 +94,14 @@ class TrainingPixels:
         self._order, self._next = np.empty(0, np.int64), 0
         self._round: list[int] = []
 
+    def state(self) -> tuple[np.random.Generator, np.ndarray, int, list[int]]:
+        """The order in which pixels and views are drawn, for `restore`."""
+        return self._random, self._order, self._next, self._round
+
+    def restore(self, state: tuple[np.random.Generator, np.ndarray, int, list[int]]) -> None:
+        """Go on in the order of an earlier `state`."""
+        self._random, self._order, self._next, self._round = state
+
     def check(self, step: int) -> None:
         """Raise NonFiniteError unless all colours are finite. A step draws few pixels of every view, so without this a
         training may run for long before it fails."""

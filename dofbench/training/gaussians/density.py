@@ -18,11 +18,12 @@ from dofbench.training.gaussians.optimiser import GaussianOptimiser
 
 
 class DensityPace:
-    """Due every `every` steps, but not in a block of rest; what was due there is due after the first step behind it."""
+    """Due every `every` steps, but not in a block of rest; what was due there, `overdue`, is due after the first step
+    behind it."""
 
     def __init__(self, every: int):
         self._every = every
-        self.resting = self._overdue = False
+        self.resting = self.overdue = False
 
     @contextmanager
     def rest(self) -> Iterator[None]:
@@ -35,8 +36,8 @@ class DensityPace:
 
     def due(self, step: int) -> bool:
         """Whether it is time after step number `step`; ask once after every step."""
-        due = step % self._every == 0 or self._overdue
-        self._overdue = self.resting and due
+        due = step % self._every == 0 or self.overdue
+        self.overdue = self.resting and due
         return due and not self.resting
 
 

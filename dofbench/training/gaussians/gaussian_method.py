@@ -23,7 +23,7 @@ from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.lens_renderer import LensRenderer
 from dofbench.training.gaussians.model import NEAR, Gaussians
 from dofbench.training.gaussians.splats import lower_degree, read_offset, read_splats, write_splats
-from dofbench.training.gaussians.trainer import Trainer
+from dofbench.training.gaussians.trainer import Trainer, TrainerState
 
 _MODEL, _LENSES = "gaussians.ply", "lenses.json"
 # Options with which a trained scene is rendered, in the order of lenses.json.
@@ -64,6 +64,7 @@ class GaussianMethod:
         self._seed = seed
         self._gaussians: Gaussians | None = None
         self._trainer: Trainer | None = None
+        self._kept: TrainerState | None = None  # of a training in an earlier process
         self._renderer: LensRenderer | None = None  # of a model that isn't being trained
         self._lenses: dict[str, PhysicalLens] | None = None
         self._colours: dict[str, np.ndarray] | None = None
@@ -92,12 +93,23 @@ class GaussianMethod:
         """Train from the sparse points; raises InputError when there are none."""
         forget_peak(self._device)
         self._trainer = Trainer(training_set, self._options, self._seed, self._device)
+        if self._kept is not None:
+            self._trainer.go_on_from(self._kept)
+            self._kept = None
         self._gaussians, self._renderer = self._trainer.gaussians, None
         self._offset = training_set.offset
         outcome = self._trainer.fit(budget, observer)
         self._peak = peak_mb(self._device)
         self._renderer = LensRenderer(self._gaussians, self.options)
         return outcome
+
+    def training_state(self) -> object:
+        """See `dofbench.core.contracts.Resumes`."""
+        return self.trainer.training_state()
+
+    def go_on_from(self, state: Any) -> None:
+        """See `dofbench.core.contracts.Resumes`."""
+        self._kept = state
 
     def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
         """Render; ValueError for a lens when the method has none."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -40,6 +41,24 @@ from dofbench.training.gaussians.warmup import compile_kernels
 _PACE = 3  # steps of a trial from which the time of the rest is estimated
 
 
+@dataclass(frozen=True, eq=False)
+class TrainerState:
+    """All that a training needs to go on in another process, after `step`; `Trainer` says what the entries are."""
+
+    step: int
+    snapshot: Snapshot
+    cameras: list[Camera]
+    left_out: set[int]
+    overdue: bool
+    prior: Prior | None
+    pace: dict[str, Any]
+    seconds: dict[str, float]
+    decisions: list[Decision]
+    questions: tuple[str, ...]
+    stopping: EarlyStopping
+    unmeasured: bool
+
+
 class Trainer:
     """Trains Gaussians, and with the option `lens` a lens per view, on a training set.
 
@@ -61,6 +80,9 @@ class Trainer:
         self._unmeasured = options.lens.lens and options.lens.lens_measured_at < 1
         self._prior: Prior | None = None
         self._scaled: dict[int, list[ScaledView]] = {}
+        self._step = 0
+        self._pace: Pace | None = None  # of the training that is going on
+        self._kept: TrainerState | None = None  # of an earlier process, to go on from
 
     @property
     def options(self) -> GaussianOptions:
@@ -99,51 +121,88 @@ class Trainer:
         more = () if self.state.blur is None else self.state.blur.kernels
         compile_kernels(self.gaussians, self.state.cameras[0], self.options, geometries, samples_aperture, more)
         preset = self.options.schedule.steps
-        pace = Pace(budget, preset, observer.seconds)
-        step, event = 0, None
+        pace = self._pace = Pace(budget, preset, observer.seconds)
+        event, probe = None, partial(self._time_of_a_step, observer)
         try:
-            with self._clock.timed("depth prior"):
-                self._prepare(budget.steps or preset, observer)
-            self._scaled = self._scale_views()
-            pace.plan(self.options.starts(), partial(self._time_of_a_step, observer))
-            while (progress := pace.progress(step)) < 1:
-                if self._trials.due(step, progress):
-                    step = self._decide(step, progress, budget, observer)
-                    pace.resume(step)
-                    pace.plan(self.options.starts(), partial(self._time_of_a_step, observer))
+            if self._kept is None:
+                with self._clock.timed("depth prior"):
+                    self._prepare(budget.steps or preset, observer)
+                self._scaled = self._scale_views()
+                pace.plan(self.options.starts(), probe)
+            else:
+                self._go_on(self._kept)
+                pace.restore(self._kept.pace, probe)
+            while (progress := pace.progress(self._step)) < 1:
+                if self._trials.due(self._step, progress):
+                    self._step = self._decide(self._step, progress, budget, observer)
+                    pace.resume(self._step)
+                    pace.plan(self.options.starts(), probe)
                 else:
                     if self._unmeasured and progress >= self.options.lens.lens_measured_at:
                         self._unmeasured = False
                         if self.lenses is not None:
                             self._measure(observer)
-                    self._next(step, progress)
-                    step += 1
+                    self._next(self._step, progress)
+                    self._step += 1
                 if self._stopping.active:
-                    self._stop_early(step, pace)
+                    self._stop_early(self._step, pace)
                 assert self.state.loss is not None
-                if not observer.after_step(step, self._reported.after(step, self.state.loss)):
+                if not observer.after_step(self._step, self._reported.after(self._step, self.state.loss)):
                     break
             self.state.watch.look()
             if self._stopping.active:
-                self._keep_best(step)
+                self._keep_best(self._step)
         except NonFiniteError as error:
             event = error.event
-            step = max(step, event.step)  # the step that failed counts as taken, in a trial too
+            self._step = max(self._step, event.step)  # the step that failed counts as taken, in a trial too
             self.state.optimiser.discard_gradients()
         except torch.OutOfMemoryError as error:
-            raise Ended(Status.OUT_OF_MEMORY, self._too_many(step, error)) from error
+            raise Ended(Status.OUT_OF_MEMORY, self._too_many(self._step, error)) from error
         try:
             self.gaussians.update_filter_3d([view.camera for view in self.views])
         except InputError as error:
-            event = event or NonFinite(step, "", "3D filter", error.found)
+            event = event or NonFinite(self._step, "", "3D filter", error.found)
         return FitOutcome(
             status=Status.DIVERGED if event else Status.OK,
-            steps=step,
+            steps=self._step,
             message=str(event) if event else "",
             nonfinite=(event,) if event else (),
             stages=dict(self.stages),
             decisions=tuple(self.decisions),
         )
+
+    def training_state(self) -> TrainerState:
+        """Everything that training has changed so far, to be asked for by an observer of a step, and to be pickled."""
+        state, pace = self.state, self._pace
+        assert pace is not None
+        state.watch.look()
+        return TrainerState(
+            self._step,
+            self.snapshot(),
+            state.cameras,
+            state.order.left_out,
+            state.density.pace.overdue,
+            self._prior,
+            pace.state(),
+            self._clock.seconds,
+            self.decisions,
+            self._trials.open_questions,
+            self._stopping,
+            self._unmeasured,
+        )
+
+    def go_on_from(self, kept: TrainerState) -> None:
+        """Let `fit` go on from the state of an earlier process; on a CPU the rest is the same to the bit."""
+        self._kept = kept
+
+    def _go_on(self, kept: TrainerState) -> None:
+        self._step, self._prior = kept.step, kept.prior
+        self.restore(kept.snapshot)
+        self.state.cameras, self.state.order.left_out = kept.cameras, kept.left_out
+        self.state.density.pace.overdue = kept.overdue
+        self._clock.seconds, self.decisions = kept.seconds, kept.decisions
+        self._trials.open_questions, self._stopping, self._unmeasured = kept.questions, kept.stopping, kept.unmeasured
+        self._scaled = self._scale_views()
 
     def _prepare(self, steps: int, observer: Observer) -> None:
         """Make the depth prior, and add starting points on its surfaces if the options ask for them."""

@@ -101,22 +101,22 @@ _NO_TIME = "not tested: too little time left for a trial of"
 
 
 class Trials:
-    """Decides the questions of the option lens_trials by trials, once in a training."""
+    """Decides the questions of the option lens_trials by trials, once in a training. open_questions: still to come."""
 
     def __init__(self, trainee: Trainee, options: GaussianOptions):
         self._trainee = trainee
-        self._open = questions(options) if options.lens.lens else ()
+        self.open_questions = questions(options) if options.lens.lens else ()
         self._at, self._share = options.trials.lens_trials_at, options.trials.lens_trials_steps
         self._least = options.trials.lens_trials_from
 
     @property
     def open(self) -> bool:
         """Whether the trials are still to come."""
-        return bool(self._open)
+        return bool(self.open_questions)
 
     def settle(self, question: str) -> None:
         """Ask this question no more: it was answered otherwise."""
-        self._open = tuple(one for one in self._open if one != question)
+        self.open_questions = tuple(one for one in self.open_questions if one != question)
 
     def due(self, step: int, progress: float) -> bool:
         """Whether the trials take place after `step`: at their time, but not before every view has been visited."""
@@ -135,8 +135,8 @@ class Trials:
         total: estimated where time is limited. tell: called with the name of a trial, the steps taken, and its length.
         left: seconds that all trials may still take.
         """
-        trainee, questions_open = self._trainee, self._open
-        self._open = ()
+        trainee, questions_open = self._trainee, self.open_questions
+        self.open_questions = ()
         steps = min(self.length(total, len(trainee.views)), total - step)
         start = trainee.snapshot()
 

@@ -11,7 +11,9 @@ from dofbench.core.contracts import TrainingSet
 
 # Degrees between two views' rays: smaller angles are imprecise, at larger ones surfaces look different
 ANGLE = (3.0, 12.0)
-CANDIDATES = 64  # views that share most points with one, or without any the nearest: among these the best are looked for
+CANDIDATES = (
+    64  # views that share most points with one, or without any the nearest: among these the best are looked for
+)
 SPREAD = 1024  # points over the whole scene, by which views without common points are compared
 _UNSEEN = 1e-3  # of a suitable angle, for a view without common points: it comes after all others
 
@@ -41,7 +43,7 @@ def choose_sources(training_set: TrainingSet, most: int) -> list[list[int]]:
             nearest = np.argsort(np.linalg.norm(centres - centres[one], axis=1), kind="stable")
             for other in [int(view) for view in nearest if view != one and view not in known][:CANDIDATES]:
                 known[other] = -1 + _UNSEEN * float(_fairness(own, _rays(spread, centres[other])).mean())
-    return [sorted(sorted(known), key=lambda other, known=known: -known[other])[:most] for known in worth]
+    return [[other for _, other in sorted((-value, other) for other, value in known.items())][:most] for known in worth]
 
 
 def _sharing(seen: list[np.ndarray], points: int) -> list[list[int]]:

@@ -1,0 +1,118 @@
+"""A training as it was a few minutes ago, from which a later process goes on: after a kill, a time limit, a preemption.
+
+A checkpoint is Python's pickle of the method's own state, which runs code when it is read. It is read only by the run
+that wrote it, in its own folder and of the same key; no report, merge or check opens it.
+"""
+
+from __future__ import annotations
+
+import pickle
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import torch
+
+from dofbench.core.contracts import Resumes
+from dofbench.core.errors import Interrupted
+from dofbench.core.files import replacing
+
+CHECKPOINT_FOLDER = "checkpoints"  # in the run's folder, until the training has ended
+EVERY = 300.0  # s between two checkpoints
+_KEPT = 2  # the last may be damaged, as by a disk that was full
+_ASKING = (signal.SIGTERM, signal.SIGUSR2)  # Slurm's, before a time limit or a preemption
+_DAMAGED = (OSError, EOFError, RuntimeError, pickle.UnpicklingError, KeyError, TypeError, ValueError, AttributeError)
+
+
+class Checkpoints:
+    """Saves a training every few minutes, and when a signal asks the process to end: then the step is ended first.
+
+    folder: the run's. key: of the run, so that no other one goes on from here. started: when the run began, by its
+    first process. resumed: the steps after which a later process went on.
+    """
+
+    def __init__(self, folder: Path, key: str, method: Resumes, started: str):
+        self._folder, self._key, self._method = folder / CHECKPOINT_FOLDER, key, method
+        self.started, self.resumed = started, list[int]()
+        self._last = time.monotonic()
+        self._steps = 0  # that were taken since this process began: without any there is nothing to be saved
+        self._asked: int | None = None
+        self.problem = ""
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """Answer the signals during the block. A second one, or one before the first step, ends the process as it would
+        without. Python handles signals in the main thread alone: in others nobody listens."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        before = {number: signal.getsignal(number) for number in _ASKING}
+
+        def asked(number: int, frame: FrameType | None) -> None:
+            if self._steps and self._asked is None:
+                self._asked = number
+                return
+            former = before[signal.Signals(number)]
+            if callable(former):
+                former(number, frame)
+            raise Interrupted(number)
+
+        for number in _ASKING:
+            signal.signal(number, asked)
+        try:
+            yield
+        finally:
+            for number, former in before.items():
+                signal.signal(number, former)
+
+    def due(self) -> bool:
+        """Whether it is time for one; to be asked after every step."""
+        self._steps += 1
+        return self._asked is not None or time.monotonic() - self._last >= EVERY
+
+    def save(self, step: int, observed: dict[str, Any]) -> None:
+        """Save the training after a step, with the observer's state, and remove older ones but the last. Raises
+        Interrupted where a signal asked for it.
+
+        What can't be saved, as on a full disk, doesn't end a training; `problem` says so.
+        """
+        try:
+            with replacing(self._folder / f"{step:09d}.pt") as temporary:
+                own = {"key": self._key, "step": step, "started": self.started, "resumed": self.resumed}
+                torch.save({**own, "method": self._method.training_state(), "observed": observed}, temporary)
+        except (OSError, RuntimeError) as error:
+            self.problem = f"no checkpoint after step {step}: {' '.join(str(error).split())}"
+        for old in self._found()[:-_KEPT]:
+            old.unlink(missing_ok=True)
+        self._last = time.monotonic()
+        if self._asked is not None:
+            raise Interrupted(self._asked)
+
+    def go_on(self) -> dict[str, Any] | None:
+        """Have the method go on from the last checkpoint that is whole; returns the observer's state, None without one.
+        For a damaged one the one before it is taken."""
+        for file in reversed(self._found()):
+            try:
+                state = torch.load(file, weights_only=False)
+                if state["key"] != self._key:
+                    continue
+            except _DAMAGED:
+                continue
+            self._method.go_on_from(state["method"])
+            self.started, self.resumed = state["started"], [*state["resumed"], state["step"]]
+            observed: dict[str, Any] = state["observed"]
+            return observed
+        return None
+
+    def remove(self) -> None:
+        """Remove all, when they are of no more use."""
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _found(self) -> list[Path]:
+        return sorted(self._folder.glob("[0-9]*.pt"))
