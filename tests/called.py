@@ -17,8 +17,11 @@ from fake_method import write_method
 from dofbench.core.content import content_folder
 from dofbench.datasets.synthesis import make_dataset
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
+from dofbench.evaluation.results.result import Result
 
 PATIENCE = 600  # seconds, for a call on a busy machine, with kernels that must be compiled
+
+TIMED = {"train_s", "train_cpu_s", "cold_start_s", "render_fps", "peak_mb"}
 
 
 def dofbench(*words: object) -> list[str]:
@@ -77,6 +80,21 @@ def killed(
             process.wait()
         said.seek(0)
         return subprocess.CompletedProcess(command, status, said.read())
+
+
+def timeless(result: Result) -> list:
+    """All that a result says but times, memory and where it was made."""
+    return [
+        result.spec,
+        {column: value for column, value in result.scores.items() if column not in TIMED},
+        result.views,
+        result.lens,
+        [(point.steps, point.loss, point.scores) for point in result.curve],
+        result.description,
+        result.do_nothing,
+        result.predictions,
+        result.model,
+    ]
 
 
 def fake_method_and_data(folder: Path, monkeypatch: pytest.MonkeyPatch, width: int) -> Path:

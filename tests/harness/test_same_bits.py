@@ -5,14 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from called import called, dofbench
+from called import called, dofbench, timeless
 
 from dofbench.core.content import content_folder
 from dofbench.datasets.synthesis import make_dataset
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
-from dofbench.evaluation.results.result import Result, read_result
-
-TIMED = {"train_s", "train_cpu_s", "cold_start_s", "render_fps", "peak_mb"}
+from dofbench.evaluation.results.result import read_result
 
 
 def trained(folder: Path, threads: int) -> Path:
@@ -24,21 +22,6 @@ def trained(folder: Path, threads: int) -> Path:
     assert done.returncode == 0, done.stderr
     (file,) = (folder / f"on-{threads}").rglob("result.json")
     return file.parent
-
-
-def timeless(result: Result) -> list:
-    """All that a result says but times, memory and where it was made."""
-    return [
-        result.spec,
-        {column: value for column, value in result.scores.items() if column not in TIMED},
-        result.views,
-        result.lens,
-        [(point.steps, point.loss, point.scores) for point in result.curve],
-        result.description,
-        result.do_nothing,
-        result.predictions,
-        result.model,
-    ]
 
 
 @pytest.mark.slow

@@ -37,9 +37,15 @@ def files(method: Method, folder: Path) -> dict[str, bytes]:
     return {file.name: file.read_bytes() for file in folder.iterdir()}
 
 
-# Density control, the lens' trials and blur that begins later lie on both sides of these steps.
-@pytest.mark.parametrize("at", [9, 33])
-@pytest.mark.parametrize("name", METHODS)
+# Density control, the lens' trials and blur that begins later lie on both sides of these steps. In the fast suite is one
+# of each family: Gaussians, with a learned blur, with a lens and its trials, and fields.
+FAST = {("3dgs", 9), ("bags", 33), ("lensselect", 33), ("dofnerf", 33)}
+CASES = [(name, at) for name in METHODS for at in (9, 33)]
+
+
+@pytest.mark.parametrize(
+    ("name", "at"), [case if case in FAST else pytest.param(*case, marks=pytest.mark.slow) for case in CASES]
+)
 def test_the_rest_is_the_same(name: str, at: int, tmp_path: Path) -> None:
     entry = find_method(name)
     _, options, _ = entry.preset("smoke")

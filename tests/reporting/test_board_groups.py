@@ -156,9 +156,11 @@ def test_methods_are_compared_view_by_view(plain, call, made, tmp_path: Path) ->
     column = "PSNR [dB] ↑"
     cell = rows_["fake quick noise=0.05", "fake quick noise=0.5"][column]
     differences = [a.scores["psnr"] - b.scores["psnr"] for a, b in zip(other.views, one.views, strict=True)]
-    # All seven differences have one sign: 2 of 128 sign choices are as extreme, times the number of comparisons in the
-    # column.
-    assert cell.startswith(f"{sum(differences) / 7:+.2f} [") and cell.endswith("p = 0.016, **better** (one seed)")
+    assert cell.startswith(f"{sum(differences) / 7:+.2f} [") and cell.endswith("], 7 of 7")
+    # A pair has one p, in the score that most pairs have. All seven differences have one sign: 2 of 128 choices of
+    # signs are as extreme, times the three pairs.
+    tested = rows_["fake quick noise=0.05", "fake quick noise=0.5"]["all-in-focus PSNR [dB] ↑"]
+    assert tested.endswith("7 of 7, p = 0.047, **better** (one seed)")
     gap = rows_["fake quick noise=0.05", "pinhole quick"][column]
     assert notes(page, gap) == "a run of the pair failed, or lacks this score"
     assert "Over 7 test views and 4 training views" in page and "## How differences are tested" in page
@@ -168,7 +170,9 @@ def test_methods_are_compared_view_by_view(plain, call, made, tmp_path: Path) ->
     }
     found = table["quick noise=0.05", "quick noise=0.5", "fake", "fake", "psnr"]
     assert float(found["difference"]) == pytest.approx(sum(differences) / 7, rel=CSV_DIGITS)
-    assert (found["pairs"], found["seeds"], found["verdict"]) == ("7", "1", "better")
+    assert (found["pairs"], found["seeds"], found["above"], found["p"], found["verdict"]) == ("7", "1", "7", "", "")
+    judged = table["quick noise=0.05", "quick noise=0.5", "fake", "fake", "aif_psnr"]
+    assert float(judged["p"]) == 6 / 2**7 and judged["verdict"] == "better"
     assert float(found["low"]) < float(found["difference"]) < float(found["high"])
     # What one of the two lacks is said; what no run of the board has isn't.
     lacking = table["quick noise=0.05", "quick", "fake", "pinhole", "psnr"]
@@ -199,20 +203,20 @@ def test_of_many_methods_each_is_compared_with_the_best_and_with_those_asked_for
 @pytest.mark.slow
 def test_scenes_are_compared_together_where_both_have_all(plain, call, made, tmp_path: Path) -> None:
     write_dataset(tmp_path / "data", test=4)
-    other = write_dataset(tmp_path / "other", name="ripples", seed=1, test=3)
+    others = [write_dataset(tmp_path / name, name=name, seed=1, test=3) for name in ("ripples", "swell")]
     for noise in (0.5, 0.05):
-        for data in (tmp_path / "data", other):
+        for data in (tmp_path / "data", *others):
             call(data=data, set=(f"noise={noise}",))
     call(method="pinhole")
     _, out, _ = made()
     page = (out / "leaderboard.md").read_text().split("## Means over scenes")[1]
     (row,) = table_rows(page, "Compared view by view")
-    assert "Over 7 test views" in page and row["PSNR [dB] ↑"].endswith("**better** (one seed)")
+    assert "Over 10 test views" in page and row["PSNR [dB] ↑"].endswith("**better** (one seed)")
     found = [row for row in rows(out / "comparisons.csv") if row["column"] == "psnr" and "pinhole" not in row.values()]
-    mean, *scenes = sorted(found, key=lambda row: not row["dataset"].startswith("the mean over 2 scenes"))
-    assert len(scenes) == 2 and int(mean["pairs"]) == sum(int(row["pairs"]) for row in scenes) == 7
+    mean, *scenes = sorted(found, key=lambda row: not row["dataset"].startswith("the mean over 3 scenes"))
+    assert len(scenes) == 3 and int(mean["pairs"]) == sum(int(row["pairs"]) for row in scenes) == 10
     assert float(mean["difference"]) == pytest.approx(
-        sum(float(row["difference"]) for row in scenes) / 2, rel=CSV_DIGITS
+        sum(float(row["difference"]) for row in scenes) / 3, rel=CSV_DIGITS
     )
 
 
