@@ -30,8 +30,7 @@ class Here:
             self.made.append(job.name)
             watcher.started(job.name)
             try:
-                work = job.insist if job.insist and job.busy() else job.work
-                outcome = Outcome(job.name, work(partial(watcher.reported, job.name)))
+                outcome = Outcome(job.name, job.work(partial(watcher.reported, job.name)))
             except Exception as error:
                 outcome = Outcome(job.name, problem=one_line(error) or repr(error))
             watcher.ended(outcome)

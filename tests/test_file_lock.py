@@ -1,54 +1,55 @@
-"""Locks on folders: they keep others out, and where there are none the work goes on without."""
+"""Locks on folders: they keep others out, end with their process, and leave no file."""
 
 from __future__ import annotations
 
-import errno
-import os
+import signal
+from pathlib import Path
 
 import pytest
 from called import holding
 
-from dofbench.core import file_lock
 from dofbench.core.errors import InputError
-from dofbench.core.file_lock import Lock, ask, only_writer
+from dofbench.core.file_lock import HeldElsewhere, is_locked, locked, only_writer
 
 
-def without_locks(number):
-    def flock(handle, operation):
-        raise OSError(number, os.strerror(number))
-
-    return flock
-
-
-def test_another_process_is_kept_out_as_long_as_one_writes(tmp_path):
+def other(folder: Path):
     imports = "from pathlib import Path\nfrom dofbench.core.file_lock import only_writer"
-    other = holding(imports, f"only_writer(Path({str(tmp_path)!r}))")
-    with pytest.raises(InputError, match="another run that is writing it"), only_writer(tmp_path):
+    return holding(imports, f"only_writer(Path({str(folder)!r}))")
+
+
+def test_another_process_is_kept_out_as_long_as_one_writes(tmp_path: Path) -> None:
+    process = other(tmp_path)
+    with pytest.raises(HeldElsewhere, match="another run that is writing it"), only_writer(tmp_path):
         pass
-    handle = os.open(tmp_path, os.O_RDONLY)
-    assert ask(handle, shared=True) is Lock.THEIRS
-    other.communicate("")
-    assert ask(handle) is Lock.OURS and ask(handle, shared=True) is Lock.OURS
-    os.close(handle)
+    process.communicate("")
     with only_writer(tmp_path):
         pass
+    assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("number", [errno.ENOLCK, errno.EOPNOTSUPP])
-def test_a_file_system_without_locks_guards_nothing_and_stops_nobody(tmp_path, monkeypatch, number):
-    monkeypatch.setattr(file_lock.fcntl, "flock", without_locks(number))
-    with only_writer(tmp_path), only_writer(tmp_path):
+def test_a_killed_process_keeps_nobody_out(tmp_path: Path) -> None:
+    process = other(tmp_path)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    (file,) = tmp_path.iterdir()
+    assert not is_locked(file)
+    with only_writer(tmp_path):
+        assert is_locked(file)
+    assert not file.exists()
+
+
+def test_what_the_block_writes_into_the_file_is_no_other_file(tmp_path: Path) -> None:
+    """So that it can hold a record of the work."""
+    file = tmp_path / "lock"
+    with locked(file, "another", "none"):
+        file.write_text("record")
+        with pytest.raises(HeldElsewhere), locked(file, "another", "none"):
+            pass
+        assert is_locked(file) and file.read_text() == "record"
+    assert not is_locked(file) and not file.exists()
+
+
+def test_a_file_is_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="a file"), only_writer(tmp_path / "file"):
         pass
-
-
-def test_what_else_goes_wrong_is_not_hidden(tmp_path, monkeypatch):
-    monkeypatch.setattr(file_lock.fcntl, "flock", without_locks(errno.EIO))
-    with pytest.raises(OSError, match=os.strerror(errno.EIO)), only_writer(tmp_path):
-        pass
-
-
-def test_a_system_without_locks(tmp_path, monkeypatch):
-    monkeypatch.setattr(file_lock, "fcntl", None)
-    handle = os.open(tmp_path, os.O_RDONLY)
-    assert ask(handle) is Lock.NONE
-    os.close(handle)

@@ -6,11 +6,14 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
+import threading
 import time
 from functools import partial
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 from dofbench.core.errors import InputError
 from dofbench.core.jobs import FREED, Busy, Job, Resources
@@ -31,6 +34,9 @@ class Log:
 
     def put_off(self, name):
         self.events.append(("put off", name))
+
+    def idle(self, waiting):
+        self.events.append(("idle", waiting))
 
     def ended(self, outcome):
         self.events.append(("ended", outcome.name))
@@ -114,35 +120,44 @@ def test_a_job_waits_for_the_one_before(first):
     assert log.events.index(("ended", first)) < log.events.index(("started", "second"))
 
 
+def busy_for(calls):
+    left = [True] * calls
+    return lambda: bool(left and left.pop())
+
+
 def test_a_busy_job_is_left_for_later_and_done_at_the_end():
     log = Log()
     first, second = jobs("well", "wrong input")
-    outcomes = LocalProcesses(1).run([Job(first.name, first.work, busy=lambda: True), second], log)
+    outcomes = LocalProcesses(1).run([Job(first.name, first.work, busy=busy_for(2)), second], log)
     assert [event[1] for event in log.events if event[0] == "started"] == ["wrong input", "well"]
     assert [outcome.name for outcome in outcomes] == ["well", "wrong input"] and outcomes[0].message == "well, done"
 
 
-def meets(how, report):
-    raise Busy(how)
-
-
-def insists(report):
-    return "waited"
-
-
-def test_a_job_that_another_process_has_just_begun_is_left_until_all_others_are_done():
-    log, work = Log(), _spawned()
-    met = Job("met", partial(work.meets, "another"), insist=work.insists)
-    outcomes = LocalProcesses(1).run([met, *jobs("well")], log)
-    assert [event[:2] for event in log.events if event[0] != "reported"] == [
-        ("started", "met"),
-        ("put off", "met"),
-        ("started", "well"),
+def test_what_another_process_has_done_starts_none():
+    log = Log()
+    met, other = jobs("well", "wrong input")
+    finished = iter(["", "well, by another process"])
+    job = Job(met.name, _spawned().meets, busy=busy_for(1), done=partial(next, finished))
+    outcomes = LocalProcesses(1).run([job, other], log)
+    assert outcomes[0].message == "well, by another process"
+    assert [event[:2] for event in log.events if event[0] not in ("reported", "idle")] == [
+        ("started", "wrong input"),
+        ("ended", "wrong input"),
+        ("started", "well"),  # and meets another process that has just begun it
+        ("put off", "well"),
         ("ended", "well"),
-        ("started", "met"),
-        ("ended", "met"),
     ]
-    assert [outcome.message for outcome in outcomes] == ["waited", "well, done"]
+
+
+def test_while_all_is_another_process_s_it_waits_and_says_so():
+    log = Log()
+    (job,) = jobs("well")
+    (outcome,) = LocalProcesses(1).run([Job(job.name, job.work, busy=busy_for(1))], log)
+    assert outcome.message == "well, done" and log.events[0] == ("idle", 1)
+
+
+def meets(report):
+    raise Busy("another")
 
 
 PARENT = """
@@ -240,6 +255,22 @@ def test_each_job_that_asks_for_any_gpu_sees_one_of_its_own(tmp_path, monkeypatc
     outcomes = LocalProcesses(2, gpus=2).run(jobs, Log())
     assert [outcome.message for outcome in outcomes] == [("2 begun", one) for one in expected]
     assert os.environ.get("CUDA_VISIBLE_DEVICES") == visible
+
+
+def test_two_commands_share_the_gpus(tmp_path, monkeypatch):
+    """The one that the other has is left to it, and taken when it is free."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "all"))
+    (tmp_path / "all").mkdir()
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    other = FileLock(tmp_path / "all" / "dofbench-gpu-0.lock", thread_local=False)
+    other.acquire()
+    job = Job("0", partial(_spawned().sees, str(tmp_path / "all"), "0"), takes=Resources("cuda"))
+    (outcome,) = LocalProcesses(2, gpus=2).run([job], Log())
+    assert outcome.message[1] == "1"
+    threading.Timer(1.5, other.release).start()
+    log, begun = Log(), time.monotonic()
+    (outcome,) = LocalProcesses(2, gpus=1).run([job], log)
+    assert not outcome.problem and log.events[0] == ("idle", 1) and time.monotonic() - begun > 1
 
 
 def test_a_third_job_waits_for_one_of_two_gpus(tmp_path):

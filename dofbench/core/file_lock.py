@@ -1,64 +1,56 @@
-"""Locks that die with their process, where the system and the file system have them."""
+"""Locks on folders, by filelock: the system releases them when their process dies, also of another machine where the
+disk that they share has locks over the network. The lock's file goes with the work."""
 
 from __future__ import annotations
 
-import errno
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from enum import Enum
 from pathlib import Path
+
+from filelock import FileLock, Timeout
 
 from dofbench.core.errors import InputError
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
-
-# What file systems without locks say, as some on networks.
-_NONE_HERE = {errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS}
+_BRIEFLY = 0.5  # s: who only asks whether a lock is held holds it for a moment
+FOLDER_LOCK = ".lock"  # a file in a folder that a process writes, until it has ended well
 
 
-class Lock(Enum):
-    """What became of asking for a lock. `NONE`: there are no locks here, so it is unknown."""
-
-    OURS = "ours"
-    THEIRS = "another process has it"
-    NONE = "no locks here"
+class HeldElsewhere(InputError):
+    """Another process holds the lock."""
 
 
-def ask(handle: int, *, shared: bool = False) -> Lock:
-    """Ask for the lock on an open file or folder, without waiting. Raises OSError where the system gives no answer."""
-    if fcntl is None:
-        return Lock.NONE
+@contextmanager
+def locked(file: Path, found: str, expected: str) -> Iterator[None]:
+    """Hold the lock whose file this is. Raises HeldElsewhere with `found` and `expected` where another process does."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(file)
     try:
-        fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return Lock.THEIRS
-    except OSError as error:
-        if error.errno not in _NONE_HERE:
-            raise
-        return Lock.NONE
-    return Lock.OURS
+        lock.acquire(timeout=_BRIEFLY)
+    except Timeout:
+        raise HeldElsewhere(file.parent, found, expected) from None
+    try:
+        yield
+    finally:
+        # While it is held: who gets the lock of a file that is gone notices, and tries again.
+        file.unlink(missing_ok=True)
+        lock.release()
+
+
+def is_locked(file: Path) -> bool:
+    """Whether a living process holds the lock whose file this is."""
+    if not file.is_file():
+        return False
+    try:
+        with FileLock(file).acquire(timeout=0):
+            return False
+    except Timeout:
+        return True
 
 
 @contextmanager
 def only_writer(root: Path) -> Iterator[None]:
-    """Hold the folder against a second run on it. Raises InputError when another one has it.
-
-    The lock dies with the process. Where there are no file locks the folder is not guarded.
-    """
+    """Hold the folder against a second run on it. Raises InputError when another one has it."""
     if root.exists() and not root.is_dir():
         raise InputError(root, "a file", "a folder to write to")
-    root.mkdir(parents=True, exist_ok=True)
-    if fcntl is None:
+    with locked(root / FOLDER_LOCK, "another run that is writing it", "one run at a time"):
         yield
-        return
-    handle = os.open(root, os.O_RDONLY)
-    try:
-        if ask(handle) is Lock.THEIRS:
-            raise InputError(root, "another run that is writing it", "one run at a time")
-        yield
-    finally:
-        os.close(handle)

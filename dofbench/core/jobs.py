@@ -13,7 +13,7 @@ Report = Callable[[Any], None]
 
 
 class Busy(Exception):
-    """Raised by a job's work that finds another process at the same: the job is left until others are done."""
+    """Raised by a job's work that finds another process at the same: the job is left until that one is done."""
 
 
 # The report of a job that no longer needs its accelerator for itself: the executor may give it to another job.
@@ -22,6 +22,10 @@ FREED = ("trained", 0, 0)
 
 def _never() -> bool:
     return False
+
+
+def _not_yet() -> str:
+    return ""
 
 
 @dataclass(frozen=True)
@@ -43,16 +47,15 @@ class Job:
 
     work: called with a function that sends a report; its return value is the outcome's message. The function and its
     reports must be picklable. after: the name of a job that must have ended before, successfully or not. busy: whether
-    the job should be postponed at present. insist: called instead of `work` when all remaining jobs are busy; it waits
-    for the other process instead of raising `Busy`.
+    another process has the job at work. done: the outcome's message where another process has done it since, else "".
     """
 
     name: str
     work: Callable[[Report], str]
     after: str | None = None
     busy: Callable[[], bool] = _never
+    done: Callable[[], str] = _not_yet
     takes: Resources = Resources()
-    insist: Callable[[Report], str] | None = None
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,9 @@ class Watcher:
 
     def put_off(self, name: str) -> None:
         """The job was started and has been postponed."""
+
+    def idle(self, waiting: int) -> None:
+        """So many jobs wait for other processes to finish, and none is at work; told again and again."""
 
     def ended(self, outcome: Outcome) -> None:
         """The job ended, successfully or not."""

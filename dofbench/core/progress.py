@@ -189,6 +189,7 @@ class Several(Watcher):
         self._begun: dict[str, float] = {}
         self._doing: dict[str, str] = {}
         self._took: dict[str, float] = {}
+        self._elsewhere = 0
         self._last = time.monotonic()
 
     def started(self, name: str) -> None:
@@ -207,10 +208,21 @@ class Several(Watcher):
         """Count the job as waiting again."""
         del self._begun[name], self._doing[name]
 
+    def idle(self, waiting: int) -> None:
+        """Show now and then what is waited for."""
+        if time.monotonic() - self._last >= self._interval:
+            self._last = time.monotonic()
+            say(self._console, f"waiting for other processes, which have {waiting} {self._things} or their GPU at work")
+
     def ended(self, outcome: Outcome) -> None:
         """Show how a job ended: its message on standard output, what went wrong on standard error."""
-        self._took[outcome.name] = time.monotonic() - self._begun.pop(outcome.name)
-        del self._doing[outcome.name]
+        if outcome.name in self._begun:
+            self._took[outcome.name] = time.monotonic() - self._begun.pop(outcome.name)
+            del self._doing[outcome.name]
+        else:  # by another process
+            self._total -= 1
+            self._elsewhere += 1
+            self._expected.pop(outcome.name, None)
         if outcome.problem:
             say(self._console, f"{outcome.name}: {outcome.problem}")
         else:
@@ -220,7 +232,7 @@ class Several(Watcher):
 
     def _show(self) -> None:
         self._last = now = time.monotonic()
-        parts = [f"{len(self._took)} of {self._total} {self._things}"]
+        parts = [f"{len(self._took) + self._elsewhere} of {self._total + self._elsewhere} {self._things}"]
         left = self._seconds_left(now)
         if left is not None:
             parts[0] += f", about {left:.0f} s left"

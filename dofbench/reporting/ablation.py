@@ -184,9 +184,10 @@ def _how_made(filled: Filled, settings: Ablate) -> Section:
     results = [entry.result for entry in entries if entry.result is not None]
     specs = [run.spec for run in filled.plan.runs.values()]
     checksums = {place[1]: run.spec.dataset_checksum for place, run in filled.plan.runs.items()}
+    at_a_time = settings.jobs or "one, or one a GPU,"
     lines = [
         f"Budget {', '.join(dict.fromkeys(spec.budget for spec in specs))}, {specs[0].protocol}, device "
-        f"{specs[0].device}; {settings.jobs} at a time, each with its share of the machine's threads. Runs that an "
+        f"{specs[0].device}; {at_a_time} at a time, each with its share of the machine's threads. Runs that an "
         "earlier call finished are not repeated: their training times are of then.",
         *(f"{one.label}: {one.folder}, checksum {checksums[one.label][:16]}." for one in filled.plan.sources),
         *(f"Commit {text}." for text in dict.fromkeys(map(commit_text, results))),

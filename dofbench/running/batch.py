@@ -16,10 +16,11 @@ from dofbench.runtime.devices import count
 from dofbench.runtime.processes import LocalProcesses
 
 
-def processes_for(runs: Sequence[Plan], workers: int) -> LocalProcesses:
-    """The executor of this machine; it knows how many GPUs there are where a run asks for any."""
-    asked = any(run.spec.device == "cuda" for run in runs)
-    return LocalProcesses(workers, gpus=count("cuda") if asked else 0)
+def processes_for(runs: Sequence[Plan], workers: int | None) -> LocalProcesses:
+    """The executor of this machine; it knows how many GPUs there are where a run asks for any. workers: None for one a
+    GPU."""
+    gpus = count("cuda") if any(run.spec.device == "cuda" for run in runs) else 0
+    return LocalProcesses(workers or max(1, gpus), gpus=gpus)
 
 
 class Batch:

@@ -10,12 +10,12 @@ from dofbench.core.errors import InputError, Status
 from dofbench.core.files import files_below, sha256_file, temporaries
 from dofbench.evaluation.results.added_scores import ADDED_FILE, read_added
 from dofbench.evaluation.results.result import RESULT_FILE, Result, read_result
+from dofbench.evaluation.results.run_lock import at_work, begun_folders
 from dofbench.evaluation.scoring.evaluate import PREFIX
 from dofbench.evaluation.scoring.result_consistency import added_inconsistencies, inconsistencies
 from dofbench.running.execution import TRAINED_FILE
 from dofbench.running.load_run import load_run
 from dofbench.running.recomputed import differences
-from dofbench.runtime.leases import at_work, leased_folders
 from dofbench.scenes.named.library import contradiction
 
 
@@ -52,7 +52,7 @@ def check_result(folder: Path, data: Path | None = None) -> Checked:
 
 def result_folders(folder: Path) -> list[Path]:
     """Folders at or below `folder` with a result, or where a run is at work or died."""
-    return sorted({*(file.parent for file in files_below(folder, RESULT_FILE)), *leased_folders(folder)})
+    return sorted({*(file.parent for file in files_below(folder, RESULT_FILE)), *begun_folders(folder)})
 
 
 def check_results(folders: Sequence[Path], say: Callable[[str], None], data: Path | None = None) -> dict[Path, Checked]:

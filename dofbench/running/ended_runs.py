@@ -7,8 +7,8 @@ from pathlib import Path
 from dofbench.core.errors import InputError
 from dofbench.evaluation.results.collecting import Entry, dead_entry, entry_of
 from dofbench.evaluation.results.result import RESULT_FILE, read_result
+from dofbench.evaluation.results.run_lock import at_work
 from dofbench.running.plan import Plan
-from dofbench.runtime.leases import at_work
 
 
 class Ended:
@@ -55,6 +55,6 @@ def _read(folder: Path, key: str) -> Entry | None:
         return None
     try:
         entry = dead_entry(folder)
-    except InputError:  # killed while it wrote its lease
+    except InputError:  # killed while it wrote its record
         return None
     return entry if entry is not None and entry.spec.key == key else None

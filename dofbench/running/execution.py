@@ -41,7 +41,7 @@ from dofbench.evaluation.results.result import (
     read_result,
     write_result,
 )
-from dofbench.evaluation.results.run_lease import record_out_of_memory, run_lease
+from dofbench.evaluation.results.run_lock import record_out_of_memory, run_lock
 from dofbench.evaluation.scoring.evaluate import Evaluation, Evaluator
 from dofbench.evaluation.scoring.held_out_scores import held_out_scores
 from dofbench.methods.cards import MethodEntry, find_method
@@ -53,7 +53,6 @@ from dofbench.running.snapshots import SNAPSHOT_FOLDER, Snapshots
 from dofbench.running.training_log import LOG_FOLDER, TensorBoardLog, write_log
 from dofbench.runtime.device_host import feeding
 from dofbench.runtime.freed_memory import keep_freed_memory
-from dofbench.runtime.leases import Lease
 from dofbench.runtime.supervised import on_death, supervised
 
 IMPORT, WARM_UP, TRAIN = "import", "warm up", "train"
@@ -62,11 +61,11 @@ _SPENT = ("train_s", "train_cpu_s", "cold_start_s", "peak_mb")
 _WIDEST = 96  # pixels of the warm-up's images: enough to run every kernel, too few to spend time on
 
 
-def execute(plan: Plan, console: Console, progress: Progress, *, wait: bool = False) -> Outcome:
+def execute(plan: Plan, console: Console, progress: Progress) -> Outcome:
     """Train, score and write the result, or return the cached one.
 
-    A run that fails still writes its result, with a typed status. wait: for another process that has the same run at
-    work. Raises InputError when code or data changed since the plan was made, and KeyboardInterrupt when it was
+    A run that fails still writes its result, with a typed status. Raises HeldElsewhere while another process has the
+    same run at work, InputError when code or data changed since the plan was made, and KeyboardInterrupt when it was
     interrupted (after writing a result that says so).
     """
     already_compiled = kernels_compiled()
@@ -74,7 +73,7 @@ def execute(plan: Plan, console: Console, progress: Progress, *, wait: bool = Fa
         entry, dataset = find_method(plan.spec.method), Dataset.load(plan.data)
         plan.check_unchanged(entry, dataset)
     keep_freed_memory()
-    with run_lease(plan.folder, plan.spec, plan.scene, timestamp(), wait=wait) as lease:
+    with run_lock(plan.folder, plan.spec, plan.scene, timestamp()):
         if not plan.settings.rerun and (earlier := cached(plan)) is not None:
             # Of a process that died after its result was written.
             (plan.folder / TRAINED_FILE).unlink(missing_ok=True)
@@ -84,7 +83,7 @@ def execute(plan: Plan, console: Console, progress: Progress, *, wait: bool = Fa
             method = entry.create(dict(plan.spec.options), plan.spec.seed, plan.spec.device)
         stages = StageTimes()
         stages[IMPORT].move(loading)  # the method's own modules, and all that this process imported before
-        run = Execution(plan, entry, dataset, method, lease, console, progress, stages, already_compiled)
+        run = Execution(plan, entry, dataset, method, console, progress, stages, already_compiled)
         return Outcome(plan.name, folder=plan.folder, status=run.go())
 
 
@@ -153,7 +152,6 @@ class Execution:
         entry: MethodEntry,
         dataset: Dataset,
         method: Method,
-        lease: Lease,
         console: Console,
         progress: Progress,
         stages: StageTimes,
@@ -161,7 +159,7 @@ class Execution:
     ):
         self.plan, self.spec, self.folder, self.budget = plan, plan.spec, plan.folder, plan.budget
         self.entry, self.dataset, self.protocol = entry, dataset, PROTOCOLS[plan.spec.protocol]
-        self.lease, self.console, self.progress = lease, console, progress
+        self.console, self.progress = console, progress
         self.stages, self.already_compiled = stages, already_compiled
         self._use(method)
         self.observer: TrainingObserver | None = None
@@ -172,10 +170,7 @@ class Execution:
         self.started = timestamp()
 
     def go(self) -> Status:
-        """Train and score; whatever happens, a result is written.
-
-        Raises InputError when another process has taken the run over meanwhile: the result is that one's to write.
-        """
+        """Train and score; whatever happens, a result is written."""
         refuse_links_outside(self.folder)
         if self.plan.settings.rerun:
             (self.folder / TRAINED_FILE).unlink(missing_ok=True)
@@ -261,7 +256,6 @@ class Execution:
                 observer.finish(outcome.steps)
         held_out: tuple[dict[str, float], dict[str, str]] = {}, {}
         if outcome.status is Status.OK:
-            self.lease.check()
             if self.spec.held_out > 0:
                 with self.stages["score held-out pixels"].running():
                     inputs = self.plan.settings.inputs
@@ -343,7 +337,6 @@ class Execution:
         return _Trained(outcome, curve, data["peak_mb"], data["compiled"], data["stages"], (scores, left_out))
 
     def _score(self) -> Evaluation:
-        self.lease.check()
         self.progress.accelerator_free()
         try:
             with self.stages["score"].running():
@@ -388,7 +381,6 @@ class Execution:
 
     def _finish(self, status: Status, message: str, trace: str, trained: _Trained | None, found: Evaluation) -> Result:
         result = self._result(status, message, trace, trained, found)
-        self.lease.check()
         write_result(self.folder, result)
         if result.finished and self.checkpoints is not None:
             self.checkpoints.remove()

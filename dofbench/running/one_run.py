@@ -8,13 +8,14 @@ from pathlib import Path
 from rich.console import Console
 
 from dofbench.core.errors import InputError
+from dofbench.core.file_lock import HeldElsewhere
 from dofbench.core.jobs import Busy, Job, Outcome, Report, Resources
 from dofbench.core.progress import Progress, Reported, Terminal, say
-from dofbench.evaluation.results.result import read_result
+from dofbench.evaluation.results.result import Result, read_result
+from dofbench.evaluation.results.run_lock import at_work
 from dofbench.evaluation.results.run_spec import RunSpec
-from dofbench.running.execution import execute
+from dofbench.running.execution import cached, execute
 from dofbench.running.plan import Plan, make_plan
-from dofbench.runtime.leases import HeldElsewhere, at_work
 
 
 def run(
@@ -44,28 +45,31 @@ def run(
 def run_job(plan: Plan, takes: Resources) -> Job:
     """The run as a job that reports its progress, and does the same in any process.
 
-    A run that another process has at work is postponed, and waited for at the end, so that several commands on one
-    folder share the work. A run that fails with a typed status leaves its result, and the job has no problem.
+    A run that another process has at work is left to it, so that several commands on one folder share the work. A run
+    that fails with a typed status leaves its result, and the job has no problem.
     """
     return Job(
-        plan.name,
-        partial(_work, plan, wait=False),
-        busy=partial(at_work, plan.folder),
-        takes=takes,
-        insist=partial(_work, plan, wait=True),
+        plan.name, partial(_work, plan), busy=partial(at_work, plan.folder), done=partial(_done, plan), takes=takes
     )
 
 
-def _work(plan: Plan, report: Report, *, wait: bool) -> str:
-    """Make one run; returns one line about its end. Raises Busy where another process has it at work, without wait."""
-    if wait and at_work(plan.folder):
-        report(("waiting for another process that has it at work", 0, 0))
+def _work(plan: Plan, report: Report) -> str:
+    """Make one run; returns one line about its end. Raises Busy where another process has it at work."""
     try:
-        outcome = execute(plan, Console(quiet=True), Reported(report), wait=wait)
+        outcome = execute(plan, Console(quiet=True), Reported(report))
     except HeldElsewhere as error:
         raise Busy(str(error)) from None
-    result = read_result(outcome.folder)
+    return _line(read_result(outcome.folder), reused=outcome.reused)
+
+
+def _done(plan: Plan) -> str:
+    """One line about a run that another process has finished since this one planned it; else ""."""
+    result = None if plan.settings.rerun else cached(plan)
+    return "" if result is None else _line(result, reused=True)
+
+
+def _line(result: Result, *, reused: bool) -> str:
     seconds = result.scores.get("train_s")
     trained = f"{result.scores['steps']:.0f} steps" + ("" if seconds is None else f" in {seconds:.0f} s")
-    parts = [f"{result.status}, {trained}", *(["by another process"] * outcome.reused)]
+    parts = [f"{result.status}, {trained}", *(["by another process"] * reused)]
     return f"{result.spec.folder}: {', '.join(parts)}" + (f": {result.message}" if result.message else "")

@@ -36,7 +36,7 @@ from dofbench.evaluation.results.protocol import (
     scores_both_halves,
 )
 from dofbench.evaluation.results.result import RESULT_FILE, Result
-from dofbench.evaluation.results.run_lease import run_lease
+from dofbench.evaluation.results.run_lock import run_lock
 from dofbench.evaluation.scoring.evaluate import PREFIX, WHOLE, Kind, depth_scores, true_depth
 from dofbench.evaluation.scoring.ground_truth import missing_truth
 from dofbench.evaluation.scoring.photograph_scores import NO_TEXTURE, ScoredPixels, picture_blur
@@ -111,7 +111,7 @@ def _score_folder(
         run = load_run(folder, data)
         if run.result.status is not Status.OK:
             return [f"skipped, because its run ended {run.result.status}"]
-        with run_lease(folder, run.result.spec, run.result.scene, timestamp()):
+        with run_lock(folder, run.result.spec, run.result.scene, timestamp()):
             found = score_result(run, columns, lpips)
             _keep(run, found)
             return found

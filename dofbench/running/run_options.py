@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import fields
@@ -41,6 +42,9 @@ class Runs(SeveralOptions, RunOptions):
     Default: the preset's steps."""
     seeds: Annotated[int, Field(ge=1)] = 1
     """How many seeds: --seed, --seed + 1, ..."""
+    shard: Annotated[str, Field(pattern=r"^[1-9]\d*/[1-9]\d*$")] | None = None
+    """Only a share of the runs: 1/4 makes a quarter of them, 2/4 another one, for machines without a common disk or
+    queue. `dofbench report --merge` reads their results together. With --converge, a share of methods and seeds."""
     converge: bool = False
     """Train at the preset's length, or --budget in steps, then twice as long, and so on, each time from the start. A
     method and seed stop where PSNR on held-out pixels of the training views rises by less than 0.1 dB, or where the
@@ -57,6 +61,8 @@ class Runs(SeveralOptions, RunOptions):
         if self.width is not None and (self.photographs is None or self.width < 8):
             found = str(self.width) if self.photographs is not None else "the option without --photographs"
             raise InputError("--width", found, "at least 8 pixels, with --photographs")
+        if self.shard is not None and int(self.shard.partition("/")[0]) > int(self.shard.partition("/")[2]):
+            raise InputError("--shard", self.shard, "one of so many, as 2/4")
         if self.converge:
             _check_converge(self)
             object.__setattr__(self, "held_out", self.held_out or HELD_OUT)
@@ -68,6 +74,17 @@ class Runs(SeveralOptions, RunOptions):
 
         Raises InputError for an empty list, or something listed twice.
         """
+        cells = self._all_cells()
+        if self.shard is None:
+            return cells
+        # Drawn, as runs next to each other cost alike: the same draw on every machine.
+        number, shards = map(int, self.shard.split("/"))
+        drawn = set(random.Random(shards).sample(range(len(cells)), len(cells))[number - 1 :: shards])
+        if not drawn:
+            raise InputError("--shard", f"{self.shard} of {len(cells)} runs", "a share with a run in it")
+        return tuple(cell for place, cell in enumerate(cells) if place in drawn)
+
+    def _all_cells(self) -> tuple[RunSpec, ...]:
         methods = _listed("--method", self.method)
         presets = (None,) if self.preset is None else _listed("--preset", self.preset)
         _once("--budget", [str(budget) for budget in self.budget or ()])

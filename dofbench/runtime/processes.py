@@ -7,15 +7,18 @@ import os
 import pickle
 import signal
 import sys
+import tempfile
 import threading
 import time
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess, parent_process
 from pathlib import Path
+
+from filelock import FileLock, Timeout
 
 from dofbench.core.clock import loading
 from dofbench.core.errors import one_line
@@ -27,6 +30,7 @@ _THREADS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
 # With it a new Python process doesn't look for modules in the current folder, where a stranger's `random.py` may be.
 _SAFE_PATH = "PYTHONSAFEPATH"
 _GRACE = 20.0  # s in which a job may keep what it has, by ending the step of a training
+_LOOK_AGAIN = 1.0  # s
 _VISIBLE = "CUDA_VISIBLE_DEVICES"  # GPUs that a process sees, numbered anew from 0
 
 
@@ -35,9 +39,9 @@ class LocalProcesses:
 
     A job starts when one of the `workers` is free, when it can have an accelerator for itself if it needs one, and when
     its memory fits beside that of the jobs at work, as far as their needs are known; one job always runs. An
-    accelerator is a job's until the job ends or reports `FREED`. memory_mb: of the machine, MB; None for
-    what this one has. gpus: how many GPUs there are for jobs that ask for any; where there are several, a job sees none
-    but its own, under the name that it asked for.
+    accelerator is a job's until the job ends or reports `FREED`; jobs of other commands don't get it either.
+    memory_mb: of the machine, MB; None for what this one has. gpus: how many GPUs there are for jobs that ask for any;
+    where there are several, a job sees none but its own, under the name that it asked for.
 
     The processes share this one's threads: each has OMP_NUM_THREADS / workers of them. When this process is
     interrupted, they get SIGTERM, and are killed a little later; when it is killed, at once: whatever they write must
@@ -52,23 +56,30 @@ class LocalProcesses:
     def run(self, jobs: Sequence[Job], watcher: Watcher) -> list[Outcome]:
         """See `dofbench.core.jobs.Executor.run`. A job whose process is killed has that as its problem, unless it ran
         out of memory and had said what is to be recorded then."""
-        waiting, outcomes = list(jobs), {}
-        found_busy: set[str] = set()
+        waiting, outcomes = list(jobs), dict[str, Outcome]()
         running: dict[str, _Running] = {}
         workers = max(1, min(self.at_a_time, len(jobs)))
         threads = max(1, int(os.environ.get("OMP_NUM_THREADS", "1").split(",")[0]) // workers)
         try:
             while waiting or running:
                 ready = [job for job in waiting if job.after is None or job.after in outcomes]
-                if len(running) < workers:
-                    busy = {job.name: job.name in found_busy or job.busy() for job in ready}
-                    for job in sorted(ready, key=lambda job: busy[job.name]):
-                        device = self._free_device(job, list(running.values()))
-                        if len(running) < workers and device is not None:
-                            waiting.remove(job)
-                            variables = dict.fromkeys(_THREADS, str(threads)) | self._only(job, device)
-                            running[job.name] = _start(job, device, variables, insist=busy[job.name])
-                            watcher.started(job.name)
+                for job in ready:
+                    if len(running) == workers:
+                        break
+                    if job.busy():
+                        continue
+                    if message := job.done():
+                        waiting.remove(job)
+                        outcomes[job.name] = Outcome(job.name, message)
+                        watcher.ended(outcomes[job.name])
+                    elif (place := self._free_place(job, list(running.values()))) is not None:
+                        waiting.remove(job)
+                        variables = dict.fromkeys(_THREADS, str(threads)) | self._only(job, place.device)
+                        running[job.name] = _start(job, place, variables)
+                        watcher.started(job.name)
+                if not running and waiting:  # all that is left, or the GPU that it needs, is another process's
+                    watcher.idle(len(waiting))
+                    time.sleep(_LOOK_AGAIN)
                 pipes = {one.pipe: name for name, one in running.items()}
                 ready_pipes = wait(list(pipes), SAMPLE_EVERY)
                 for one in running.values():
@@ -78,17 +89,17 @@ class LocalProcesses:
                     name = pipes[pipe]
                     outcome = _received(running[name], watcher)
                     if outcome is FREED:
-                        running[name] = replace(running[name], device="")
+                        running[name].place.free()
                     if outcome is None or outcome is FREED:
                         continue
                     ended = running.pop(name)
                     ended.process.join()
+                    ended.place.free()
                     pipe.close()
                     if isinstance(outcome, Outcome):
                         outcomes[name] = outcome
                         watcher.ended(outcome)
                     else:
-                        found_busy.add(name)
                         waiting.append(ended.job)
                         watcher.put_off(name)
         finally:
@@ -99,27 +110,27 @@ class LocalProcesses:
                 one.process.join(max(0.0, ends - time.monotonic()))
                 one.process.kill()
                 one.process.join()
+                one.place.free()
         return [outcomes[job.name] for job in jobs]
 
-    def _free_device(self, job: Job, others: Sequence[_Running]) -> str | None:
-        """The device on which the job can run beside the others; None where it can't."""
+    def _free_place(self, job: Job, others: Sequence[_Running]) -> _Place | None:
+        """Where the job can run beside the others; None where it can't."""
         known = [one.takes.memory_mb for one in (job, *(other.job for other in others)) if one.takes.memory_mb]
         if others and job.takes.memory_mb and sum(known) > self._memory_mb:
             return None
         if job.takes.device == "cpu":
-            return "cpu"
-        taken = {other.device for other in others}
+            return _Place("cpu")
+        taken = {other.place.device for other in others}
         several = job.takes.device == "cuda" and self._gpus > 1
         wanted = [f"cuda:{number}" for number in range(self._gpus)] if several else [job.takes.device]
-        return next((device for device in wanted if device not in taken), None)
+        free = (_claimed(device) for device in wanted if device not in taken)
+        return next((place for place in free if place is not None), None)
 
     def _only(self, job: Job, device: str) -> dict[str, str]:
         """The variable that shows a job none but the GPU that it was given."""
         if device == job.takes.device:
             return {}
-        visible = os.environ.get(_VISIBLE, "").split(",")
-        number = int(device.partition(":")[2])
-        return {_VISIBLE: visible[number].strip() if visible != [""] else str(number)}
+        return {_VISIBLE: _number(device)}
 
 
 def machine_memory_mb(cgroup: Path = Path("/sys/fs/cgroup")) -> float:
@@ -131,22 +142,55 @@ def machine_memory_mb(cgroup: Path = Path("/sys/fs/cgroup")) -> float:
     return min(limits) / 1e6
 
 
+@dataclass
+class _Place:
+    """A device, "" once it is free again, and the lock that keeps other commands of this machine from a GPU."""
+
+    device: str
+    lock: FileLock | None = None
+
+    def free(self) -> None:
+        self.device = ""
+        if self.lock is not None:
+            self.lock.release()
+
+
+def _claimed(device: str) -> _Place | None:
+    """The accelerator, for this command alone; None while another command has it."""
+    if not device.startswith("cuda"):
+        return _Place(device)
+    # A file of all users, which stays.
+    lock = FileLock(Path(tempfile.gettempdir()) / f"dofbench-gpu-{_number(device)}.lock", mode=0o666)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        return None
+    return _Place(device, lock)
+
+
+def _number(device: str) -> str:
+    """The GPU's number or name on this machine. device: as torch names it here, by its place among the visible ones."""
+    visible = os.environ.get(_VISIBLE, "").split(",")
+    number = int(device.partition(":")[2] or 0)
+    return visible[number].strip() if number < len(visible) and visible != [""] else str(number)
+
+
 @dataclass(frozen=True)
 class _Running:
     job: Job
-    device: str
+    place: _Place
     process: BaseProcess
     pipe: Connection
     memory: MemoryWatch
     on_death: list[bytes | None] = field(default_factory=lambda: [None])  # the last one counts
 
 
-def _start(job: Job, device: str, variables: dict[str, str], *, insist: bool) -> _Running:
+def _start(job: Job, place: _Place, variables: dict[str, str]) -> _Running:
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(
         target=_work,
-        args=(pickle.dumps(job.insist if insist and job.insist else job.work), theirs, os.environ.get(_SAFE_PATH)),
+        args=(pickle.dumps(job.work), theirs, os.environ.get(_SAFE_PATH)),
         name=job.name,
     )
     with _environment(variables | {_SAFE_PATH: "1"}):
@@ -154,7 +198,7 @@ def _start(job: Job, device: str, variables: dict[str, str], *, insist: bool) ->
     # The child has its own copy. Once ours is closed, the pipe ends when the child does.
     theirs.close()
     assert process.pid is not None
-    return _Running(job, device, process, ours, MemoryWatch(process.pid))
+    return _Running(job, place, process, ours, MemoryWatch(process.pid))
 
 
 def _received(run: _Running, watcher: Watcher) -> Outcome | tuple[str, int, int] | type[Busy] | None:

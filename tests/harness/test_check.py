@@ -21,7 +21,7 @@ from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file
 from dofbench.core.images import read_image, write_png
 from dofbench.evaluation.results.result import read_result
-from dofbench.evaluation.results.run_lease import run_lease
+from dofbench.evaluation.results.run_lock import run_lock
 from dofbench.evaluation.scoring.result_consistency import inconsistencies
 from dofbench.running.check_results import check_result
 from dofbench.running.rescore import score
@@ -152,7 +152,7 @@ def test_what_dead_processes_leave_is_named(folder: Path) -> None:
     (folder / "trained.json").write_text("{}")
     (folder / "predictions" / ".dofbench-v0.abc.png").touch()
     dead = folder.parent / "dead"
-    with run_lease(dead, spec, "waves", "noon"):
+    with run_lock(dead, spec, "waves", "noon"):
         lock = (dead / "running.lock").read_bytes()
         assert "a run is at work there, not checked" in said_of(folder.parent)[1]
     (dead / "running.lock").write_bytes(lock)

@@ -30,7 +30,7 @@ from dofbench.evaluation.results.added_scores import read_added
 from dofbench.evaluation.results.collecting import collect
 from dofbench.evaluation.results.protocol import DEPTH_COLUMNS
 from dofbench.evaluation.results.result import read_result
-from dofbench.evaluation.results.run_lease import run_lease
+from dofbench.evaluation.results.run_lock import run_lock
 from dofbench.reporting import report_files
 from dofbench.reporting.report_files import write_report
 from dofbench.reporting.report_options import Report
@@ -200,7 +200,7 @@ def test_failed_runs_and_runs_at_work_stop_nothing(call, tmp_path: Path) -> None
     call(set=("trouble=lost",))
     good, said = scored(tmp_path / "results", "aif_gmsd")
     assert good and "skipped, because its run ended diverged" in said and "added aif_gmsd" in said
-    with run_lease(end.folder, read_result(end.folder).spec, "waves", "now"):
+    with run_lock(end.folder, read_result(end.folder).spec, "waves", "now"):
         good, said = scored(tmp_path / "results", "aif_gmsd")
     assert not good and "another process at work" in said
 

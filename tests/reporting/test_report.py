@@ -16,7 +16,7 @@ from tolerances import CSV_DIGITS
 from dofbench.core.errors import InputError
 from dofbench.evaluation.results.columns import DEPTH
 from dofbench.evaluation.results.result import Spec, read_result
-from dofbench.evaluation.results.run_lease import run_lease
+from dofbench.evaluation.results.run_lock import run_lock
 from dofbench.reporting import draw, report
 from dofbench.reporting.curves import seconds_text
 from dofbench.reporting.report_options import Report
@@ -246,10 +246,10 @@ def test_an_unreadable_result_is_named_and_fails_the_call(plain, call, made, tmp
 def test_a_run_that_died_is_a_row_and_one_at_work_is_not(plain, call, made, tmp_path: Path) -> None:
     spec = read_result(call().folder).spec
     dead, alive = (tmp_path / "results" / "waves" / name for name in ("dead", "alive"))
-    with run_lease(dead, spec.model_copy(update={"seed": 7}), "waves", "noon"):
+    with run_lock(dead, spec.model_copy(update={"seed": 7}), "waves", "noon"):
         lock = (dead / "running.lock").read_bytes()
     (dead / "running.lock").write_bytes(lock)  # what a killed process leaves
-    with run_lease(alive, spec.model_copy(update={"seed": 8}), "waves", "noon"):
+    with run_lock(alive, spec.model_copy(update={"seed": 8}), "waves", "noon"):
         _, out, said = made()
     assert f"a run is at work there: {alive}" in said
     assert [(row["seed"], row["status"]) for row in rows(out / "leaderboard.csv")] == [("0", "ok"), ("7", "crashed")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import re
 import shlex
 from collections.abc import Callable
@@ -21,7 +22,7 @@ from dofbench.core.budget import Budget, parse_budget
 from dofbench.core.errors import InputError
 from dofbench.core.jobs import Job
 from dofbench.evaluation.results.result import read_result
-from dofbench.evaluation.results.run_lease import run_lease
+from dofbench.evaluation.results.run_lock import run_lock
 from dofbench.evaluation.results.run_spec import RunSpec
 from dofbench.running.run_options import Runs
 
@@ -70,6 +71,16 @@ def test_every_combination_is_a_run() -> None:
     assert {(cell.method, cell.preset) for cell in cells} == {("a", "p"), ("a", "q"), ("b", "p"), ("b", "q")}
 
 
+@pytest.mark.parametrize("shards", [1, 2, 3, 7])
+def test_shards_are_all_runs_together_and_each_once(shards: int) -> None:
+    call = {"method": "a,b,c,d", "data": "x,y", "seeds": 3}
+    shares = [Runs(**call, shard=f"{number}/{shards}").cells() for number in range(1, shards + 1)]
+    assert sorted(map(str, itertools.chain(*shares))) == sorted(map(str, Runs(**call).cells()))
+    assert max(map(len, shares)) - min(map(len, shares)) <= 1
+    if shards == 2:  # methods cost differently: no share has one method alone
+        assert all(len({cell.method for cell in share}) == 4 for share in shares)
+
+
 def test_one_of_each_is_the_run_it_always_was() -> None:
     parsed = app.parse("run --method a --data x --seed 3 --budget 300s,7000it --set k=1 l=2".split())
     assert parsed.cells() == (RunSpec(method="a", data=Path("x"), seed=3, budget=BOTH, set=("k=1", "l=2")),)
@@ -90,6 +101,9 @@ def test_a_folder_with_a_comma_is_one(tmp_path: Path) -> None:
         ({"budget": ()}, "--budget"),
         ({"budget": (MINUTE, parse_budget("1min"))}, "60s 2 times"),
         ({"preset": "p,p"}, "p 2 times"),
+        ({"shard": "2"}, "--shard"),
+        ({"shard": "3/2", "seeds": 4}, "one of so many"),
+        ({"shard": "2/2"}, "a share with a run in it"),
     ],
 )
 def test_impossible_matrices(changes: dict, match: str) -> None:
@@ -228,7 +242,7 @@ def test_what_another_process_has_at_work_comes_last(call, matrix, tmp_path: Pat
     end = call()
     spec = read_result(end.folder).spec
     (end.folder / "result.json").unlink()
-    with run_lease(end.folder, spec, "waves", "noon"):
+    with run_lock(end.folder, spec, "waves", "noon"):
         _, _, said = matrix(dry_run=True)
         assert said.count("at work in another process") == 1
 

@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 from dofbench.core.checksums import checksums
 from dofbench.core.errors import InputError
+from dofbench.core.file_lock import FOLDER_LOCK
 from dofbench.core.files import (
     TEMPORARY,
     canonical_json,
@@ -110,7 +111,7 @@ def prepare(root: Path, identity: Identity) -> Literal["complete", "open"]:
         # Else the earlier run ended before it finished a file, and its input has been corrected since.
         _begin(root, identity)
         return "open"
-    if root.is_dir() and any(entry.name != WORK for entry in root.iterdir()):
+    if root.is_dir() and any(entry.name not in (WORK, FOLDER_LOCK) for entry in root.iterdir()):
         raise InputError(root, "files that are no dataset", "an empty or a new folder")
     _begin(root, identity)
     return "open"
@@ -151,7 +152,8 @@ def _begin(root: Path, identity: Identity) -> None:
 
 
 def _unfinished(path: Path, root: Path) -> bool:
-    return any(part.startswith(TEMPORARY) for part in path.relative_to(root).parts)
+    parts = path.relative_to(root).parts
+    return parts == (FOLDER_LOCK,) or any(part.startswith(TEMPORARY) for part in parts)
 
 
 def _drop_outdated(root: Path, identity: Identity, before: Mapping[str, str]) -> None:

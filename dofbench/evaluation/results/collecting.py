@@ -15,9 +15,8 @@ from dofbench.evaluation.results.added_scores import Added, read_added
 from dofbench.evaluation.results.columns import COLUMNS, SCORES
 from dofbench.evaluation.results.protocol import kind_prefix
 from dofbench.evaluation.results.result import RESULT_FILE, Result, Spec, read_result
-from dofbench.evaluation.results.run_lease import read_lease
+from dofbench.evaluation.results.run_lock import at_work, begun_folders, read_lock
 from dofbench.evaluation.results.run_spec import option_words
-from dofbench.runtime.leases import at_work, leased_folders
 
 T = TypeVar("T")
 
@@ -135,7 +134,7 @@ def collect(*folders: Path) -> Collection:
             unreadable.append(str(error))
             entries.append(_entry(folder, result, None))
     running: list[Path] = []
-    for folder in dict.fromkeys(below for root in folders for below in leased_folders(root)):
+    for folder in dict.fromkeys(below for root in folders for below in begun_folders(root)):
         if at_work(folder):
             running.append(folder)
         elif not (folder / RESULT_FILE).is_file():
@@ -213,8 +212,8 @@ def _entry(folder: Path, result: Result, added: Added | None) -> Entry:
 
 def dead_entry(folder: Path) -> Entry | None:
     """The run that died in `folder` before writing a result; None without one. Raises InputError for a damaged
-    lease."""
-    left = read_lease(folder)
+    record."""
+    left = read_lock(folder)
     if left is None:
         return None
     spec, scene, started = left

@@ -35,8 +35,9 @@ class CallOptions:
 class SeveralOptions:
     """Options of commands that make several runs."""
 
-    jobs: Annotated[int, Field(ge=1)] = 1
-    """Runs at the same time, each in a process of its own with its share of the threads."""
+    jobs: Annotated[int, Field(ge=1)] | None = None
+    """Runs at the same time, each in a process of its own with its share of the threads. Default: the number of GPUs
+    where runs are on any, else 1."""
 
 
 @options(kw_only=True)

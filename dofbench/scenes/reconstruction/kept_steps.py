@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from dofbench.core.errors import InputError
+from dofbench.core.file_lock import FOLDER_LOCK
 from dofbench.core.files import TEMPORARY, read_json, refuse_links_outside, write_json
 
 RECORD = "reconstruct.json"
@@ -41,7 +42,8 @@ class Work:
                 shutil.rmtree(self.folder)
             return "complete"
         moved = read_json(self.folder / _MOVED) if (self.folder / _MOVED).is_file() else []
-        others = [entry.name for entry in self.root.iterdir() if entry.name != _WORK and entry.name not in moved]
+        ours = {_WORK, FOLDER_LOCK, *moved}
+        others = [entry.name for entry in self.root.iterdir() if entry.name not in ours]
         if any(not name.startswith(".") for name in others) or (others and not self._begun()):
             raise InputError(self.root, "files that are no reconstruction", "an empty or a new folder")
         if self._begun():

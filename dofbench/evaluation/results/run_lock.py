@@ -1,7 +1,8 @@
-"""The lease on a result's folder: one process at a time on any machine, and a record of a process that died."""
+"""The lock on a result's folder: one process at a time, and in its file a record of a run whose process died."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,30 +12,45 @@ from pydantic import ValidationError
 
 from dofbench.core.clock import timestamp
 from dofbench.core.errors import InputError, Status
+from dofbench.core.file_lock import is_locked, locked
+from dofbench.core.files import files_below, read_json
 from dofbench.evaluation.results.result import RESULT_FILE, Result, Spec, write_result
-from dofbench.runtime.leases import Lease, leased, left_note
 
+LOCK_FILE = "running.lock"
 _UNMEASURED = ("train_s", "train_cpu_s", "cold_start_s", "steps")  # only the process itself could measure these
 
 
 @contextmanager
-def run_lease(folder: Path, spec: Spec, scene: str, started: str, *, wait: bool = False) -> Iterator[Lease]:
-    """Hold the folder's lease, with a record of the run in its file, which stays if the process dies.
+def run_lock(folder: Path, spec: Spec, scene: str, started: str) -> Iterator[None]:
+    """Hold the folder's lock. Its file has a record of the run, and stays if the process dies.
 
-    While another process holds the lease, wait, or raise InputError.
+    Raises HeldElsewhere, an InputError, while another process holds it.
     """
-    note = {"started": started, "scene": scene, "spec": spec.model_dump()}
-    with leased(folder, note, wait=wait) as lease:
-        yield lease
+    with locked(folder / LOCK_FILE, "another process at work on the same run", "to be alone"):
+        # In place: another file of that name would be without the lock.
+        (folder / LOCK_FILE).write_text(
+            json.dumps({"started": started, "scene": scene, "spec": spec.model_dump()}), encoding="utf-8"
+        )
+        yield
 
 
-def read_lease(folder: Path) -> tuple[Spec, str, str] | None:
-    """(spec, scene, start time) of the run whose lease is in `folder`, or None. Raises InputError for a damaged
-    file."""
-    found = left_note(folder)
-    if found is None:
+def at_work(folder: Path) -> bool:
+    """Whether a living process has a run in this folder at work."""
+    return is_locked(folder / LOCK_FILE)
+
+
+def begun_folders(root: Path) -> list[Path]:
+    """Folders at or below `root` with a run that is at work, or whose process died."""
+    return sorted(file.parent for file in files_below(root, LOCK_FILE))
+
+
+def read_lock(folder: Path) -> tuple[Spec, str, str] | None:
+    """(spec, scene, start time) of the run that the lock's file in `folder` records, or None. Raises InputError for a
+    damaged file."""
+    file = folder / LOCK_FILE
+    if not file.is_file() or not file.stat().st_size:
         return None
-    file, note = found
+    note = read_json(file)
     try:
         return Spec.model_validate(note["spec"]), str(note["scene"]), str(note["started"])
     except (KeyError, TypeError, ValidationError):
@@ -57,6 +73,6 @@ def record_out_of_memory(folder: Path, unfinished: dict[str, Any], why: str, pea
             "left_out": result.left_out | dict.fromkeys(_UNMEASURED, "the process died"),
         }
     )
-    with run_lease(folder, result.spec, result.scene, result.started):
+    with run_lock(folder, result.spec, result.scene, result.started):
         write_result(folder, result)
     return f"{result.spec.folder}: {result.status}, {why}; result {folder / RESULT_FILE}"
