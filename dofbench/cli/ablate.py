@@ -15,7 +15,7 @@ from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_plan import AblationPlan, plan_tables
 from dofbench.running.ablation_scores import CELL_COLUMNS, SUMMARY_COLUMNS, cell_rows, fill, summary_rows
 from dofbench.running.ablation_tables import read_tables, tables_of
-from dofbench.running.batch import Batch, processes_for
+from dofbench.running.batch import Batch, executor_for
 from dofbench.running.ended_runs import Ended
 
 
@@ -29,7 +29,7 @@ def make_tables(settings: Ablate, console: Console | None = None, executor: Exec
     """
     console = console or Console()
     plan = plan_tables(settings, read_tables(settings.tables or tables_of(settings.method)))
-    batch = Batch(plan.runs, settings.results, executor or processes_for(plan.runs, settings.jobs))
+    batch = Batch(plan.runs, settings.results, executor or executor_for(plan.runs, settings, settings.results))
     cells = sum(len(one.runs) for one in plan.tables)
     tables = f"{len(plan.tables)} table{'s' * (len(plan.tables) != 1)} with {cells} cells"
     for line in (*plan.skipped, tables, *batch.outlook()):

@@ -53,4 +53,4 @@ class Ablate(SeveralOptions, CallOptions):
 
     def command(self) -> str:
         """The command line that says the same, with what is not the default; paths as they were given."""
-        return command_line("ablate", self, without=("dry_run", "verbose"))
+        return command_line("ablate", self, without=("dry_run", "verbose", "on", "slurm"))

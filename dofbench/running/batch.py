@@ -8,19 +8,25 @@ from pathlib import Path
 from dofbench.core.errors import Status
 from dofbench.core.jobs import Executor, Outcome
 from dofbench.core.progress import Several
+from dofbench.evaluation.results.run_spec import SeveralOptions
 from dofbench.running.ended_runs import Ended
 from dofbench.running.one_run import run_job
 from dofbench.running.plan import Plan
 from dofbench.running.time_estimate import expected, finished_results, time_to_go
 from dofbench.runtime.devices import count
+from dofbench.runtime.executors import executor
 from dofbench.runtime.processes import LocalProcesses
 
 
-def processes_for(runs: Sequence[Plan], workers: int | None) -> LocalProcesses:
-    """The executor of this machine; it knows how many GPUs there are where a run asks for any. workers: None for one a
-    GPU."""
-    gpus = count("cuda") if any(run.spec.device == "cuda" for run in runs) else 0
-    return LocalProcesses(workers or max(1, gpus), gpus=gpus)
+def executor_for(runs: Sequence[Plan], settings: SeveralOptions, folder: Path) -> Executor:
+    """The executor that the settings name; that of this machine knows how many GPUs there are where a run asks for any.
+    folder: of the results."""
+
+    def here() -> LocalProcesses:
+        gpus = count("cuda") if any(run.spec.device == "cuda" for run in runs) else 0
+        return LocalProcesses(settings.jobs or max(1, gpus), gpus=gpus)
+
+    return executor(settings, folder, here)
 
 
 class Batch:

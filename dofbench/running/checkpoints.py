@@ -43,33 +43,40 @@ class Checkpoints:
         self._last = time.monotonic()
         self._steps = 0  # that were taken since this process began: without any there is nothing to be saved
         self._asked: int | None = None
+        self._before: dict[signal.Signals, Any] = {}
         self.problem = ""
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Answer the signals during the block. A second one, or one before the first step, ends the process as it would
-        without. Python handles signals in the main thread alone: in others nobody listens."""
+        """Answer the signals during the block. A second one, or one before the first step, does what it would without.
+        Python handles signals in the main thread alone: in others nobody listens."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return
-        before = {number: signal.getsignal(number) for number in _ASKING}
+        self._before = {number: signal.getsignal(number) for number in _ASKING}
 
         def asked(number: int, frame: FrameType | None) -> None:
             if self._steps and self._asked is None:
                 self._asked = number
-                return
-            former = before[signal.Signals(number)]
-            if callable(former):
-                former(number, frame)
-            raise Interrupted(number)
+            else:
+                self._end(number)
 
         for number in _ASKING:
             signal.signal(number, asked)
         try:
             yield
         finally:
-            for number, former in before.items():
+            for number, former in self._before.items():
                 signal.signal(number, former)
+
+    def _end(self, number: int) -> None:
+        """What would have answered the signal answers it now. On a cluster that queues the job again, or does nothing,
+        and training goes on until it is killed."""
+        former = self._before.get(signal.Signals(number))
+        if not callable(former):
+            raise Interrupted(number)
+        self._asked = None
+        former(number, None)
 
     def due(self) -> bool:
         """Whether it is time for one; to be asked after every step."""
@@ -92,7 +99,7 @@ class Checkpoints:
             old.unlink(missing_ok=True)
         self._last = time.monotonic()
         if self._asked is not None:
-            raise Interrupted(self._asked)
+            self._end(self._asked)
 
     def go_on(self) -> dict[str, Any] | None:
         """Have the method go on from the last checkpoint that is whole; returns the observer's state, None without one.

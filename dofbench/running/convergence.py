@@ -19,7 +19,7 @@ from dofbench.core.errors import InputError, Status
 from dofbench.core.jobs import Executor
 from dofbench.core.progress import say
 from dofbench.methods.cards import find_method
-from dofbench.running.batch import Batch, processes_for
+from dofbench.running.batch import Batch, executor_for
 from dofbench.running.matrix import all_lines, plan_matrix, print_table, summary
 from dofbench.running.plan import Plan
 from dofbench.running.run_options import Runs
@@ -87,7 +87,7 @@ def converge_all(
     failures: list[str] = []
     say(console, f"lengths  doubled {RULE}")
     while going:
-        batch = Batch(runs, settings.out, executor or processes_for(runs, settings.jobs), rerun=settings.rerun)
+        batch = Batch(runs, settings.out, executor or executor_for(runs, settings, settings.out), rerun=settings.rerun)
         first = runs is firsts
         full = settings.dry_run or settings.verbose
         for line in (all_lines(settings, batch) if full else summary(batch)) if first else _round(batch, len(cells)):
@@ -103,7 +103,7 @@ def converge_all(
             cells[cell] = replace(cells[cell], budget=Budget(steps=2 * lengths[cell][-1].steps))
         runs = plan_matrix(tuple(cells[cell] for cell in going), builtin)
         made += runs
-    print_table(console, Batch(made, settings.out, executor or processes_for(made, settings.jobs)))
+    print_table(console, Batch(made, settings.out, executor or executor_for(made, settings, settings.out)))
     for run, own in zip(firsts, lengths, strict=True):
         say(console, f"{_named(run)}: {_line(own)}")
     for line in failures:

@@ -17,7 +17,7 @@ from dofbench.core.jobs import Executor
 from dofbench.core.progress import Terminal, say
 from dofbench.evaluation.comparing.design import undecided
 from dofbench.evaluation.results.run_spec import RunSpec
-from dofbench.running.batch import Batch, processes_for
+from dofbench.running.batch import Batch, executor_for
 from dofbench.running.execution import cached, execute, show_cached
 from dofbench.running.plan import Plan, different_datasets, make_plan
 from dofbench.running.run_options import Runs
@@ -35,12 +35,12 @@ def run_all(settings: Runs, builtin: Path, console: Console | None = None, execu
     """
     console = console or Console()
     runs = plan_matrix(settings.cells(), builtin)
-    batch = Batch(runs, settings.out, executor or processes_for(runs, settings.jobs), rerun=settings.rerun)
+    batch = Batch(runs, settings.out, executor or executor_for(runs, settings, settings.out), rerun=settings.rerun)
     for line in all_lines(settings, batch) if settings.dry_run or settings.verbose else summary(batch):
         say(console, line)
     if settings.dry_run:
         return True
-    if len(runs) == 1:
+    if len(runs) == 1 and settings.on == "here":
         (plan,) = runs
         if not settings.rerun and (earlier := cached(plan)) is not None:
             show_cached(console, plan, earlier)

@@ -35,6 +35,8 @@ def make_datasets(settings: MakeDatasets) -> bool:
     With `like`, also False when the new dataset isn't the same.
     """
     from dofbench.datasets.synthesis.several_datasets import make_all, planned
+    from dofbench.runtime.executors import executor
+    from dofbench.runtime.processes import LocalProcesses
     from dofbench.runtime.threads import available_cores
 
     if settings.like is not None:
@@ -42,10 +44,12 @@ def make_datasets(settings: MakeDatasets) -> bool:
     datasets, missing = planned(settings)
     for scene in missing:
         print(f"skipped, because it is missing: {scene.label}: {scene.missing}", file=sys.stderr)
-    if len(datasets) == 1:
+    if len(datasets) == 1 and settings.on == "here":
         make_dataset(datasets[0])
         return True
-    outcomes = make_all(datasets, min(settings.jobs or available_cores(), len(datasets)))
+    workers = min(settings.jobs or available_cores(), len(datasets))
+    by = executor(settings, settings.out or Path("data"), lambda: LocalProcesses(workers))
+    outcomes = make_all(datasets, by)
     return not any(outcome.problem for outcome in outcomes)
 
 

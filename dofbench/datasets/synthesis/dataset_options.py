@@ -20,6 +20,7 @@ from dofbench.datasets.format.assignment import Assign
 from dofbench.datasets.format.points_choice import Points
 from dofbench.datasets.format.sensor import Sensor
 from dofbench.datasets.synthesis.lens_plan import Values
+from dofbench.runtime.executors import WhereOptions
 from dofbench.scenes.scene import Alpha
 
 DepthSource = Literal["auto", "given", "folder", "splat", "sfm", "onnx"]
@@ -396,7 +397,7 @@ class MakeDataset(DatasetOptions):
 
 
 @options()
-class MakeDatasets(DatasetOptions):
+class MakeDatasets(WhereOptions, DatasetOptions):
     """Make shallow depth-of-field datasets: from all-in-focus scenes with a known lens, or from photographs that are
     shallow already, whose lens is unknown."""
 

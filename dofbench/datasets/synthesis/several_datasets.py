@@ -8,11 +8,10 @@ from functools import partial
 from pathlib import Path
 
 from dofbench.core.errors import InputError
-from dofbench.core.jobs import Job, Outcome, Report
+from dofbench.core.jobs import Executor, Job, Outcome, Report
 from dofbench.core.progress import Reported, Several
 from dofbench.datasets.synthesis.builder import BUILT_IN, default_folder, make
 from dofbench.datasets.synthesis.dataset_options import MakeDataset, MakeDatasets
-from dofbench.runtime.processes import LocalProcesses
 from dofbench.scenes.named import ResolvedScene, find_data_root, resolve
 
 
@@ -48,8 +47,8 @@ def planned(settings: MakeDatasets) -> tuple[list[MakeDataset], list[ResolvedSce
     return datasets, missing
 
 
-def make_all(datasets: Sequence[MakeDataset], workers: int) -> list[Outcome]:
-    """Make the datasets, `workers` at a time. One that fails doesn't stop the others.
+def make_all(datasets: Sequence[MakeDataset], executor: Executor) -> list[Outcome]:
+    """Make the datasets by an executor. One that fails doesn't stop the others.
 
     For a scene with several lenses, the first dataset is made before the others, which copy its sharp images and depth.
     """
@@ -66,7 +65,7 @@ def make_all(datasets: Sequence[MakeDataset], workers: int) -> list[Outcome]:
                 after=None if alone else str(sibling),
             )
         )
-    return LocalProcesses(workers).run(jobs, Several(len(jobs), workers))
+    return executor.run(jobs, Several(len(jobs), min(executor.at_a_time, len(jobs))))
 
 
 def _make_one(settings: MakeDataset, sibling: Path | None, report: Report) -> str:

@@ -15,6 +15,7 @@ from pydantic import Field
 from dofbench.core.errors import InputError
 from dofbench.core.options import OneBudget, flag, options
 from dofbench.datasets.format.inputs import Inputs
+from dofbench.runtime.executors import WhereOptions
 
 
 @options(kw_only=True)
@@ -32,7 +33,7 @@ class CallOptions:
 
 
 @options(kw_only=True)
-class SeveralOptions:
+class SeveralOptions(WhereOptions):
     """Options of commands that make several runs."""
 
     jobs: Annotated[int, Field(ge=1)] | None = None
