@@ -18,7 +18,7 @@ from dofbench.running.snapshots import Snapshots
 CURVE_FACTOR = 1.6  # ratio of two neighbouring evaluation times
 CURVE_POINTS = 14  # thresholds below the whole budget: the first is at 1.6^-14, 0.14 % of it
 FREE_SECONDS = 10.0  # that evaluation may take during any training
-SHARE_OF_TRAINING = 0.5  # that it may take of a longer one
+SHARE_OF_TRAINING = 0.5  # that it may take of a longer one, at every moment of it
 
 Evaluate = Callable[[], dict[str, float]]
 
@@ -40,8 +40,8 @@ class TrainingObserver:
 
     After the first step, and whenever the share of the budget that is spent passes one of the
     thresholds `CURVE_FACTOR ** -k`, it stops the clock and evaluates: the same points on a log axis
-    whether the budget is in steps or in seconds. Where all of them would take longer than half the training, as with
-    fields that are seen through a lens ray by ray, the earlier ones are skipped. A non-finite loss ends the training
+    whether the budget is in steps or in seconds. Where they take longer than half the training so far, or all of them
+    would in the end, as with fields that are seen through a lens ray by ray, the earlier ones are skipped. A non-finite loss ends the training
     as diverged.
 
     evaluate: scores of the method as it is now, by column. log: called with each point of the curve. snapshots: saved
@@ -159,12 +159,14 @@ class TrainingObserver:
         return None
 
     def _affordable(self, whole: float) -> bool:
-        """Whether there is time for this point and all later ones. whole: seconds that training will take."""
+        """Whether there is time for this point now, and for all later ones in the end. whole: seconds that training
+        will take."""
         if not self.curve:
             return True
         taken = self._evaluating.wall
-        later = len(self._thresholds) + 1  # and the end
-        return taken + taken / len(self.curve) * (1 + later) <= max(FREE_SECONDS, SHARE_OF_TRAINING * whole)
+        each, later = taken / len(self.curve), len(self._thresholds) + 1  # and the end
+        now = taken + each <= max(FREE_SECONDS, SHARE_OF_TRAINING * self._clock.wall)
+        return now and taken + each * (1 + later) <= max(FREE_SECONDS, SHARE_OF_TRAINING * whole)
 
     def _add_point(self, step: int) -> None:
         seconds = self._clock.wall

@@ -78,7 +78,7 @@ def test_points_are_evenly_spaced_on_a_log_axis() -> None:
 
 @pytest.mark.parametrize(
     ("seconds_a_step", "each", "count"),
-    [(0.001, 0.5, 16), (0.001, 2.0, 5), (0.1, 3.0, 16), (0.1, 10.0, 5), (0.1, 1000.0, 2)],
+    [(0.001, 0.5, 16), (0.001, 2.0, 5), (0.1, 3.0, 7), (0.1, 10.0, 3), (0.1, 1000.0, 2)],
 )
 def test_evaluation_takes_no_longer_than_training_or_ten_seconds(
     seconds_a_step: float, each: float, count: int
@@ -91,14 +91,17 @@ def test_evaluation_takes_no_longer_than_training_or_ten_seconds(
         return {}
 
     watch = TrainingObserver(Budget(steps=1000), clock, evaluating, slow, Silent())
-    train(watch, clock, seconds_a_step)
+    for step in range(1, 1001):
+        clock.now += seconds_a_step
+        watch.after_step(step, 1.0 / step)
+        assert len(watch.curve) == 1 or evaluating.wall <= max(10, 0.5 * clock.now)
     watch.finish(1000)
     steps = [point.steps for point in watch.curve]
     whole = observer(Budget(steps=1000))
     train(whole)
     later = [point.steps for point in whole.curve]
     assert len(steps) == min(count, len(later) + 1)
-    assert steps[0] == 1 and steps[1:] == [*later[1:], 1000][1 - count :]
+    assert steps[0] == 1 and steps[-1] == 1000 and set(steps) <= {*later, 1000}
     assert count == 2 or evaluating.wall <= max(10, 0.5 * 1000 * seconds_a_step)
 
 
