@@ -41,8 +41,8 @@ class TrainingObserver:
     After the first step, and whenever the share of the budget that is spent passes one of the
     thresholds `CURVE_FACTOR ** -k`, it stops the clock and evaluates: the same points on a log axis
     whether the budget is in steps or in seconds. Where they take longer than half the training so far, or all of them
-    would in the end, as with fields that are seen through a lens ray by ray, the earlier ones are skipped. A non-finite loss ends the training
-    as diverged.
+    would in the end, as with fields that are seen through a lens ray by ray, the earlier ones are skipped. A non-finite
+    loss ends the training as diverged.
 
     evaluate: scores of the method as it is now, by column. log: called with each point of the curve. snapshots: saved
     every few seconds. checkpoints: saved every few minutes. The time of all three counts neither as training nor as

@@ -25,6 +25,7 @@ from dofbench.methods.cards import MethodEntry, find_method, preset_budget
 from dofbench.methods.frozen_presets import choices_digest
 from dofbench.methods.stages.facts import Facts, facts_of
 from dofbench.running.data_plan import DataPlan, plan_for_data
+from dofbench.running.kept_facts import kept_facts
 from dofbench.running.training_log import check_logger
 from dofbench.training.common.options import content_digests
 
@@ -178,6 +179,10 @@ def different_datasets(folders: Sequence[Path]) -> list[Dataset]:
 @lru_cache(maxsize=64)
 def _facts(folder: Path, checksum: str, inputs: Inputs, held_out: float) -> Facts:
     """Facts of a dataset, which many runs in one call may share. checksum: so that it is the same one still."""
+    return kept_facts(checksum, inputs, held_out, lambda: _look(folder, inputs, held_out))
+
+
+def _look(folder: Path, inputs: Inputs, held_out: float) -> Facts:
     dataset = Dataset.load(folder)
     one_lens = None
     if dataset.assign != "unknown":  # an aperture in units of the width is one opening on cameras that are alike

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,10 +19,12 @@ from dofbench.core.image_files.exif import Exif
 from dofbench.core.images import from_8bit, resize, to_8bit
 from dofbench.core.lens import DisparityRange, Lens
 from dofbench.methods.stages.colour_spread import colour_spread, light_spread, view_gains
-from dofbench.methods.stages.facts import facts_of
+from dofbench.methods.stages.facts import Facts, facts_of
 from dofbench.methods.stages.stage_deciders import NEEDLESS_BLUR, NEEDLESS_COLOURS, NEEDLESS_DEPENDENCE
 from dofbench.optics.blur_width import blur_deviation, noise_deviation
 from dofbench.optics.defocus import defocus_numpy
+from dofbench.running import kept_facts as kept_facts_module
+from dofbench.running.kept_facts import kept_facts
 from dofbench.scenes import load_scene
 
 SMALLER = 2  # the built-in scene is looked at at half its size: seconds instead of half a minute
@@ -154,3 +157,31 @@ def test_points_that_nothing_sees_tell_nothing() -> None:
     behind = cloud(np.full((50, 3), -1.0))
     facts = facts_of(TrainingSet(_plain(0.0).views, behind), one_lens=False)
     assert (facts.points, facts.blur_px, facts.view_dependence) == (50, None, None)
+
+
+def test_facts_are_found_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    looked = []
+
+    def look() -> Facts:
+        looked.append(1)
+        return Facts(7, 0.1 + 0.2, None, True, 3.5)
+
+    first = kept_facts("sum", "shallow", 0.0, look)
+    assert kept_facts("sum", "shallow", 0.0, look) == first == Facts(7, 0.1 + 0.2, None, True, 3.5) and len(looked) == 1
+    for other in (("other", "shallow", 0.0), ("sum", "all-in-focus", 0.0), ("sum", "shallow", 0.05)):
+        kept_facts(*other, look)
+    assert len(looked) == 4
+    monkeypatch.setattr(kept_facts_module, "package_digest", lambda: "changed code")
+    kept_facts("sum", "shallow", 0.0, look)
+    assert len(looked) == 5
+
+
+@pytest.mark.parametrize("damage", ["", "{", '{"points": 1, "no": 2}', "[]"])
+def test_a_damaged_cache_is_an_empty_one(damage: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    found = Facts(7, None, None, None)
+    kept_facts("sum", "shallow", 0.0, lambda: found)
+    (file,) = (tmp_path / "dofbench" / "facts").iterdir()
+    file.write_text(damage)
+    assert kept_facts("sum", "shallow", 0.0, lambda: found) == found
