@@ -16,8 +16,9 @@ from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import InputError
 from dofbench.core.images import resize
 from dofbench.training.common.depth import DepthMap, sparse_depth
-from dofbench.training.common.priors import stereo
-from dofbench.training.common.priors.stereo import choose_sources, disparity_bounds, plane_map, stereo_depth
+from dofbench.training.common.priors import stereo, stereo_sources
+from dofbench.training.common.priors.stereo import SOURCES, disparity_bounds, plane_map, stereo_depth
+from dofbench.training.common.priors.stereo_sources import choose_sources
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +75,7 @@ def test_without_tracks_the_points_still_say_where_to_look(photographed, maps):
     low, high = disparity_bounds(blind)
     own = disparity_bounds(photographed.training_set)
     assert low == pytest.approx(own[0], rel=SWEEP_REACH) and high == pytest.approx(own[1], rel=SWEEP_REACH)
-    assert all(len(set(chosen)) == 4 for chosen in choose_sources(blind))
+    assert all(len(set(chosen)) == 4 for chosen in choose_sources(blind, SOURCES))
 
 
 def test_views_of_other_sizes_are_matched_too(photographed, maps):
@@ -155,7 +156,7 @@ def _turned(degrees: float) -> np.ndarray:
 )
 def test_angles_of_three_to_twelve_degrees_are_the_best(degrees: float, worth: float) -> None:
     """Below and above the worth falls with the square of the angle's ratio to the bound."""
-    assert stereo._fairness(_turned(20.0), _turned(20.0 + degrees)) == pytest.approx([worth], abs=FLOAT64_VALUE)
+    assert stereo_sources._fairness(_turned(20.0), _turned(20.0 + degrees)) == pytest.approx([worth], abs=FLOAT64_VALUE)
 
 
 @pytest.mark.parametrize(("shift", "count"), [(0.01, 16), (0.2, 56), (0.42, 120), (3.0, 192)])
@@ -252,8 +253,34 @@ def test_views_without_a_common_point_come_last() -> None:
     tracks = [np.array(seen) for seen in ([0, 3], [0, 3], [1, 2])]
     points = cloud([(0.0, 0.0, 5.0), (0.1, 0.0, 5.0), (0.2, 0.0, 5.0)], views=tracks)
     given = TrainingSet(views, points)
-    assert stereo.choose_sources(given, 3)[0] == [3, 2, 1]
-    assert stereo.choose_sources(given, 1)[0] == [3]
+    assert choose_sources(given, 3)[0] == [3, 2, 1]
+    assert choose_sources(given, 1)[0] == [3]
+
+
+@pytest.mark.parametrize("tracked", [True, False])
+def test_the_sources_are_those_that_a_comparison_of_all_pairs_finds(tracked: bool) -> None:
+    """Seven cameras beside each other before points of which each sees a part."""
+    random = np.random.default_rng(4)
+    cameras = [frontal(80, 60, 80.0, (0.5 * number, 0.0, 0.0)) for number in range(7)]
+    xyz = np.stack([random.uniform(-3, 6, 400), random.uniform(-2, 2, 400), random.uniform(3, 9, 400)], 1)
+    seen = np.stack([camera.inside(camera.project(xyz)[0]) for camera in cameras])
+    if tracked:
+        seen &= random.random(seen.shape) < 0.5
+    black = np.zeros((60, 80, 3), np.float32)
+    views = tuple(TrainingView(f"v{number}", camera, black) for number, camera in enumerate(cameras))
+    points = cloud(xyz, views=[np.flatnonzero(column) for column in seen.T] if tracked else None)
+    found = choose_sources(TrainingSet(views, points), 3)
+    for one, camera in enumerate(cameras):
+        worth = []
+        for other, second in enumerate(cameras):
+            common = xyz[seen[one] & seen[other]]
+            directions = [(common - centre) for centre in (camera.centre, second.centre)]
+            lengths = [np.linalg.norm(direction, axis=1) for direction in directions]
+            cosine = (directions[0] * directions[1]).sum(axis=1) / (lengths[0] * lengths[1])
+            angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+            fair = np.minimum(angle / 3, 1) ** 2 * np.minimum(12 / np.maximum(angle, 1e-9), 1) ** 2
+            worth.append(-1.0 if other == one else float(fair.sum()))
+        assert found[one] == [int(other) for other in np.argsort(-np.array(worth), kind="stable")[:3]]
 
 
 def test_planes_are_for_the_middle_of_how_far_places_of_the_picture_move() -> None:
