@@ -230,9 +230,13 @@ class Resumes(Protocol):
     def training_state(self) -> object:
         """Everything that training has changed so far; asked for within `Observer.after_step`, and pickled at once."""
 
-    def go_on_from(self, state: Any) -> None:
-        """Let the next `fit`, on the same training set, go on from what `training_state` gave. On a CPU the rest of the
-        training is the same to the bit."""
+    def constant_state(self) -> object:
+        """What training made before its first step and keeps as it is, such as a depth prior; None without. Asked for
+        and pickled once, as it may be large."""
+
+    def go_on_from(self, state: Any, constant: Any) -> None:
+        """Let the next `fit`, on the same training set, go on from what the two gave. On a CPU the rest of the training
+        is the same to the bit."""
 
 
 class Method(Protocol):

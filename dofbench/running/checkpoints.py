@@ -26,6 +26,7 @@ from dofbench.core.files import replacing
 CHECKPOINT_FOLDER = "checkpoints"  # in the run's folder, until the training has ended
 EVERY = 300.0  # s between two checkpoints
 _KEPT = 2  # the last may be damaged, as by a disk that was full
+_CONSTANT = "constant.pt"  # what doesn't change during the training, saved once
 _ASKING = (signal.SIGTERM, signal.SIGUSR2)  # Slurm's, before a time limit or a preemption
 _DAMAGED = (OSError, EOFError, RuntimeError, pickle.UnpicklingError, KeyError, TypeError, ValueError, AttributeError)
 
@@ -42,6 +43,7 @@ class Checkpoints:
         self.started, self.resumed = started, list[int]()
         self._last = time.monotonic()
         self._steps = 0  # that were taken since this process began: without any there is nothing to be saved
+        self._constant_saved = False
         self._asked: int | None = None
         self._before: dict[signal.Signals, Any] = {}
         self.problem = ""
@@ -90,9 +92,11 @@ class Checkpoints:
         What can't be saved, as on a full disk, doesn't end a training; `problem` says so.
         """
         try:
-            with replacing(self._folder / f"{step:09d}.pt") as temporary:
-                own = {"key": self._key, "step": step, "started": self.started, "resumed": self.resumed}
-                torch.save({**own, "method": self._method.training_state(), "observed": observed}, temporary)
+            if not self._constant_saved:
+                self._write(_CONSTANT, {"key": self._key, "method": self._method.constant_state()})
+                self._constant_saved = True
+            own = {"key": self._key, "step": step, "started": self.started, "resumed": self.resumed}
+            self._write(f"{step:09d}.pt", {**own, "method": self._method.training_state(), "observed": observed})
         except (OSError, RuntimeError) as error:
             self.problem = f"no checkpoint after step {step}: {' '.join(str(error).split())}"
         for old in self._found()[:-_KEPT]:
@@ -104,22 +108,34 @@ class Checkpoints:
     def go_on(self) -> dict[str, Any] | None:
         """Have the method go on from the last checkpoint that is whole; returns the observer's state, None without one.
         For a damaged one the one before it is taken."""
+        constant = self._read(self._folder / _CONSTANT)
         for file in reversed(self._found()):
-            try:
-                state = torch.load(file, weights_only=False)
-                if state["key"] != self._key:
-                    continue
-            except _DAMAGED:
+            state = self._read(file)
+            if state is None or constant is None:
                 continue
-            self._method.go_on_from(state["method"])
+            self._method.go_on_from(state["method"], constant["method"])
+            self._constant_saved = True
             self.started, self.resumed = state["started"], [*state["resumed"], state["step"]]
             observed: dict[str, Any] = state["observed"]
             return observed
+        self.remove()  # else they would count as later than those of the training that begins
         return None
 
     def remove(self) -> None:
         """Remove all, when they are of no more use."""
         shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _write(self, name: str, state: dict[str, Any]) -> None:
+        with replacing(self._folder / name) as temporary:
+            torch.save(state, temporary)
+
+    def _read(self, file: Path) -> dict[str, Any] | None:
+        """None for a file that isn't there, is damaged, or of another run."""
+        try:
+            state: dict[str, Any] = torch.load(file, weights_only=False)
+            return state if state["key"] == self._key else None
+        except _DAMAGED:
+            return None
 
     def _found(self) -> list[Path]:
         return sorted(self._folder.glob("[0-9]*.pt"))

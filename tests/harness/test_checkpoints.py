@@ -20,12 +20,17 @@ class Counting:
     """A method whose training is a number."""
 
     def __init__(self) -> None:
-        self.number = 0
+        self.number = self.asked = 0
 
     def training_state(self) -> int:
         return self.number
 
-    def go_on_from(self, state: int) -> None:
+    def constant_state(self) -> str:
+        self.asked += 1
+        return "prior"
+
+    def go_on_from(self, state: int, constant: str) -> None:
+        assert constant == "prior"
         self.number = state
 
 
@@ -39,7 +44,8 @@ def saved(folder: Path, *steps: int) -> list[Path]:
     for step in steps:
         method.number = 10 * step
         kept.save(step, {"steps": step})
-    return sorted((folder / CHECKPOINT_FOLDER).iterdir())
+    assert method.asked == 1
+    return sorted((folder / CHECKPOINT_FOLDER).glob("0*.pt"))
 
 
 def test_the_last_two_are_kept_and_the_last_counts(tmp_path: Path) -> None:

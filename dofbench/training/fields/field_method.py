@@ -94,7 +94,11 @@ class FieldMethod:
         self._random = kept["random"]
         trainer.go_on_from(kept["trainer"])
 
-    def go_on_from(self, state: Any) -> None:
+    def constant_state(self) -> object:
+        """See `dofbench.core.contracts.Resumes`: nothing."""
+        return None
+
+    def go_on_from(self, state: Any, constant: Any) -> None:
         """See `dofbench.core.contracts.Resumes`."""
         self._kept = state
 

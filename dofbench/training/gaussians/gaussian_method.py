@@ -19,6 +19,7 @@ from dofbench.training.common.lens_file import read_lenses, write_lenses
 from dofbench.training.common.options import ListedOption, listed_options
 from dofbench.training.common.photograph_colours import FILE as COLOURS
 from dofbench.training.common.photograph_colours import read_colours, write_colours
+from dofbench.training.common.priors import Prior
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.lens_renderer import LensRenderer
 from dofbench.training.gaussians.model import NEAR, Gaussians
@@ -64,7 +65,7 @@ class GaussianMethod:
         self._seed = seed
         self._gaussians: Gaussians | None = None
         self._trainer: Trainer | None = None
-        self._kept: TrainerState | None = None  # of a training in an earlier process
+        self._kept: tuple[TrainerState, Prior | None] | None = None  # of a training in an earlier process
         self._renderer: LensRenderer | None = None  # of a model that isn't being trained
         self._lenses: dict[str, PhysicalLens] | None = None
         self._colours: dict[str, np.ndarray] | None = None
@@ -94,7 +95,7 @@ class GaussianMethod:
         forget_peak(self._device)
         self._trainer = Trainer(training_set, self._options, self._seed, self._device)
         if self._kept is not None:
-            self._trainer.go_on_from(self._kept)
+            self._trainer.go_on_from(*self._kept)
             self._kept = None
         self._gaussians, self._renderer = self._trainer.gaussians, None
         self._offset = training_set.offset
@@ -107,9 +108,13 @@ class GaussianMethod:
         """See `dofbench.core.contracts.Resumes`."""
         return self.trainer.training_state()
 
-    def go_on_from(self, state: Any) -> None:
+    def constant_state(self) -> object:
+        """See `dofbench.core.contracts.Resumes`: the depth prior."""
+        return self.trainer.prior
+
+    def go_on_from(self, state: Any, constant: Any) -> None:
         """See `dofbench.core.contracts.Resumes`."""
-        self._kept = state
+        self._kept = state, constant
 
     def render(self, camera: Camera, lens: PhysicalLens | None) -> Rendering:
         """Render; ValueError for a lens when the method has none."""

@@ -50,7 +50,6 @@ class TrainerState:
     cameras: list[Camera]
     left_out: set[int]
     overdue: bool
-    prior: Prior | None
     pace: dict[str, Any]
     seconds: dict[str, float]
     decisions: list[Decision]
@@ -63,7 +62,7 @@ class Trainer:
     """Trains Gaussians, and with the option `lens` a lens per view, on a training set.
 
     After `fit`, or during it from an observer, `render` and `lens_estimates` work at any time. gaussians: always the
-    same object.
+    same object. prior: of the depth, None before `fit` or without.
     """
 
     def __init__(self, training_set: TrainingSet, options: GaussianOptions, seed: int, device: str = "cpu"):
@@ -78,7 +77,7 @@ class Trainer:
         begins = options.density.densify_until if options.density.reset_every > 0 else 0.0
         self._stopping = EarlyStopping(options.stopping, options.schedule.cooldown_from, len(self.views), begins)
         self._unmeasured = options.lens.lens and options.lens.lens_measured_at < 1
-        self._prior: Prior | None = None
+        self.prior: Prior | None = None
         self._scaled: dict[int, list[ScaledView]] = {}
         self._step = 0
         self._pace: Pace | None = None  # of the training that is going on
@@ -182,7 +181,6 @@ class Trainer:
             state.cameras,
             state.order.left_out,
             state.density.pace.overdue,
-            self._prior,
             pace.state(),
             self._clock.seconds,
             self.decisions,
@@ -191,12 +189,12 @@ class Trainer:
             self._unmeasured,
         )
 
-    def go_on_from(self, kept: TrainerState) -> None:
-        """Let `fit` go on from the state of an earlier process; on a CPU the rest is the same to the bit."""
-        self._kept = kept
+    def go_on_from(self, kept: TrainerState, prior: Prior | None) -> None:
+        """Let `fit` go on from the state of an earlier process and its depth prior, on a CPU to the same bits."""
+        self._kept, self.prior = kept, prior
 
     def _go_on(self, kept: TrainerState) -> None:
-        self._step, self._prior = kept.step, kept.prior
+        self._step = kept.step
         self.restore(kept.snapshot)
         self.state.cameras, self.state.order.left_out = kept.cameras, kept.left_out
         self.state.density.pace.overdue = kept.overdue
@@ -209,7 +207,7 @@ class Trainer:
         options, count = self.options, self.options.prior.start_points
         if options.supervision.depth_weight > 0 or count > 0:
             try:
-                self._prior = make_prior(
+                self.prior = make_prior(
                     self._training_set,
                     options.prior,
                     seed=self._seed,
@@ -219,16 +217,16 @@ class Trainer:
                 )
             except FloatingPointError as error:
                 raise Place(0, "").error("depth prior", str(error)) from None
-        if self._prior is not None and count > 0:
-            points = with_surface_points(self._training_set, self._prior, count, self._seed)
+        if self.prior is not None and count > 0:
+            points = with_surface_points(self._training_set, self.prior, count, self._seed)
             behind = round(options.prior.start_behind * count)
             if behind > 0:
-                points = with_points_behind(self._training_set, points, self._prior, behind, self._seed)
+                points = with_points_behind(self._training_set, points, self.prior, behind, self._seed)
             self.state.start_from(points)
 
     def _scale_views(self) -> dict[int, list[ScaledView]]:
         options = self.options
-        supervisor = self._prior if options.supervision.depth_weight > 0 else None
+        supervisor = self.prior if options.supervision.depth_weight > 0 else None
         held_back = max(options.reconstruction.held_back, HELD_BACK if self._trials.open else 0)
         return scaled_views(self.views, options.schedule.sizes, supervisor, held_back, self._seed, self._device)
 
