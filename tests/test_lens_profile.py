@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from dofbench.core.contracts import TrainingSet
 from dofbench.core.lens import DisparityRange
 from dofbench.optics.tone import decode, encode
-from dofbench.training.common.blur_pairs import BlurPairs, Surface, blur_pairs
+from dofbench.training.common.blur_pairs import STRIDE, BlurPairs, Surface, blur_pairs
 from dofbench.training.common.lens_profile import MeasuredLenses, measure_lenses
 from dofbench.training.common.lenses import Ties
 
@@ -46,6 +46,20 @@ def test_known_lenses_are_found(aperture):
     assert found.low < aperture < found.high * 1.05
     wanted = [FOCI[number % 3] for number in range(tabletop.count())]
     assert np.median(np.abs(found.foci - wanted)) < 0.05
+
+
+def test_a_pixel_without_depth_in_the_middle_of_a_patch_measures_nothing():
+    """As where nothing is rendered: the rest of the patch has depth, but its place has none."""
+    taken = surfaces(tabletop.photographs([1.2], FOCI))
+    holed = []
+    for surface in taken:
+        depth = surface.depth.copy()
+        depth[STRIDE // 2 :: STRIDE, STRIDE // 2 :: STRIDE][::3, ::2] = 0
+        holed.append(replace(surface, depth=depth))
+    extent = 1e3 * tabletop.bounds().extent  # however uneven the depth
+    whole, pairs = blur_pairs(taken, extent), blur_pairs(holed, extent)
+    assert 0 < len(pairs) < len(whole)
+    assert np.isfinite([pairs.q_first, pairs.q_second, pairs.zoom, pairs.difference, pairs.deviation]).all()
 
 
 def test_sharp_photographs_determine_no_aperture():

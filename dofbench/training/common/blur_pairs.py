@@ -173,7 +173,10 @@ def _compared(own: Surface, other: Surface, noise: tuple[float, float], extent: 
     at = np.where(np.isfinite(xy), xy - 0.5, -10).astype(np.float32).reshape(height, width, 2)
     warped = cv2.remap(other.light, at[..., 0], at[..., 1], cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
     mine, theirs = own.texture, _Texture.of(np.where(valid, warped, own.light))
-    whole = _windowed(valid.astype(np.float32)) > WHOLE
+    # A patch lies where its centre does, which may be one of the few pixels of unknown depth.
+    centres = slice(STRIDE // 2, None, STRIDE), slice(STRIDE // 2, None, STRIDE)
+    known = ((z > 0) & (z_other > 0)).reshape(height, width)[centres]
+    whole = (_windowed(valid.astype(np.float32)) > WHOLE) & known
     together = _windowed(mine.fine * theirs.fine)
     alike = together > ALIKE * np.sqrt(np.maximum(mine.fine_energy * theirs.fine_energy, 1e-20))
     used = (own.unevenness < FLAT * extent) & whole & alike & (mine.mean > 0) & (theirs.mean > 0)
@@ -191,7 +194,6 @@ def _compared(own: Surface, other: Surface, noise: tuple[float, float], extent: 
     deviation = np.sqrt(SPREAD**2 + noisy[0] ** 2 + noisy[1] ** 2) / slope
     chosen = np.zeros(used.shape, bool)
     chosen[used] = ok
-    centres = slice(STRIDE // 2, None, STRIDE), slice(STRIDE // 2, None, STRIDE)
     near, far, larger = (values.reshape(height, width)[centres][chosen] for values in (z, z_other, zoom))
     return 1 / near, 1 / far, larger, difference[ok], deviation[ok]
 
