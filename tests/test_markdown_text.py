@@ -115,6 +115,7 @@ def test_a_page_has_no_elements_but_its_own(text: str, other: str) -> None:
     assert page(text, other) == page("x" if visible(text) else "", "y" if visible(other) else "")
 
 
+@example("* *")
 @given(TEXTS)
 def test_running_text_has_its_own_markup_and_nothing_else(text: str) -> None:
     assert set(_Seen(running(text)).elements) <= {"p", "code", "em", "strong"}

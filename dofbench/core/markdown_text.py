@@ -18,8 +18,9 @@ _INLINE = re.compile(r"\\(?=[!-/:-@\[-`{-~]|$)|[`*~|]|(?<!\w)_|_(?!\w)|<(?=[A-Za
 _ENTITIES = {"<": "&lt;", "&": "&amp;"}
 # A bracket can begin a link, a definition or a footnote only where one of these is in the line.
 _LINKS = ("](", "][", "]:", "[^")
-# The markup of a report's running text (dofbench/reporting/tables.py).
-MARKUP = re.compile(r"`([^`]+)`|\*\*([^*]+)\*\*|\*([^*]+)\*")
+# The markup of a report's running text (dofbench/reporting/tables.py). A star beside a space marks no emphasis, as in
+# Markdown, where it may begin a list.
+MARKUP = re.compile(r"`([^`]+)`|\*\*(?!\s)([^*]+)(?<!\s)\*\*|\*(?!\s)([^*]+)(?<!\s)\*")
 
 
 def visible(text: str) -> str:
