@@ -97,8 +97,13 @@ def timeless(result: Result) -> list:
     ]
 
 
-def fake_method_and_data(folder: Path, monkeypatch: pytest.MonkeyPatch, width: int) -> Path:
-    """A small dataset in `folder`/data, and for called commands the method `fake`, which costs nothing: its folder."""
+def fake_method_and_data(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, width: int, code: str = "", name: str = "Fake"
+) -> Path:
+    """A small dataset in `folder`/data, and for called commands the method `fake`, which costs nothing: its folder.
+
+    code: added to the method's. name: of the method's class in it.
+    """
     foliage = content_folder("datasets") / "thinlens" / "foliage"
     make_dataset(MakeDataset(scene=str(foliage), width=width, out=folder / "data"))
     methods = write_method(folder / "methods")
@@ -106,4 +111,7 @@ def fake_method_and_data(folder: Path, monkeypatch: pytest.MonkeyPatch, width: i
     # The fake method is written with the help of this folder.
     path = [str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path))
+    trainer, card = methods / "fake" / "trainer.py", methods / "fake" / "method.toml"
+    trainer.write_text(trainer.read_text() + code)
+    card.write_text(card.read_text().replace("trainer:Fake", f"trainer:{name}"))
     return methods / "fake"

@@ -49,11 +49,7 @@ LIMITED = ("bash", "-c", 'ulimit -v 12000000; exec "$@"', "bash")
 @pytest.fixture
 def dying(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """`dofbench run` with a method that dies as FAKE_DEATH says."""
-    method = fake_method_and_data(tmp_path, monkeypatch, width=48)
-    trainer = method / "trainer.py"
-    trainer.write_text(trainer.read_text() + DEATHS)
-    card = method / "method.toml"
-    card.write_text(card.read_text().replace("trainer:Fake", "trainer:Dying"))
+    fake_method_and_data(tmp_path, monkeypatch, 48, DEATHS, "Dying")
     monkeypatch.setenv("FAKE_BEGUN", str(tmp_path / "begun"))
     return dofbench("run", "--method", "fake", "--data", tmp_path / "data", "--out", tmp_path / "results")
 
@@ -113,7 +109,7 @@ def test_an_interruption_reaches_the_run_once(
     _, said = process.communicate(timeout=PATIENCE)
     assert process.returncode == 128 + number and "Traceback" not in said
     assert [(one.status, one.message) for one in results(tmp_path)] == [
-        ("interrupted", "after 0 steps; the same command goes on")
+        ("interrupted", "after 0 steps; rerun the same command to resume")
     ]
 
 

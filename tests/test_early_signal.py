@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from dofbench.core.errors import InputError, Status
-from dofbench.running.execution import classify
+from dofbench.running.failures import classify
 
 PROGRAM = """
 import os, signal, sys

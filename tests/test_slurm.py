@@ -14,6 +14,8 @@ import pytest
 from called import PATIENCE, called, dofbench, fake_method_and_data
 from slurm_cluster import Cluster, absent, cluster
 
+from dofbench.core.content import content_folder
+from dofbench.datasets.synthesis.verify import check_dataset
 from dofbench.evaluation.results.result import read_result
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(absent()), reason=absent())]
@@ -57,11 +59,7 @@ def slurm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 @pytest.fixture
 def command(slurm: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[str]]:
     """`command(6)`: `dofbench run --on slurm` of a method that costs nothing, with six seeds."""
-    method = fake_method_and_data(tmp_path, monkeypatch, width=48)
-    trainer = method / "trainer.py"
-    trainer.write_text(trainer.read_text() + WATCHED)
-    card = method / "method.toml"
-    card.write_text(card.read_text().replace("trainer:Fake", "trainer:Watched"))
+    fake_method_and_data(tmp_path, monkeypatch, 48, WATCHED, "Watched")
     (tmp_path / "log").mkdir()
     (tmp_path / "log" / "log.txt").touch()
     monkeypatch.setenv("FAKE_LOG", str(tmp_path / "log"))
@@ -96,6 +94,13 @@ def started(words: list[str]) -> subprocess.Popen[str]:
     return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
+def in_the_middle(words: list[str], folder: Path) -> subprocess.Popen[str]:
+    """The command of two runs, once both are at work."""
+    client = started(words)
+    until(lambda: len(counts(folder, "begun")) == 2)
+    return client
+
+
 def test_runs_are_made_by_jobs_each_once(command, slurm: Cluster, tmp_path: Path) -> None:
     done = called(command(4))
     assert done.returncode == 0, done.stdout + done.stderr
@@ -117,8 +122,7 @@ def test_a_killed_client_leaves_its_jobs_and_the_next_one_finds_them(
     command, slurm: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("FAKE_TAKES", "15")
-    client = started(command(2))
-    until(lambda: len(counts(tmp_path, "begun")) == 2)
+    client = in_the_middle(command(2), tmp_path)
     client.kill()
     client.wait()
     done = called(command(2))
@@ -139,8 +143,7 @@ def test_a_node_that_vanishes_and_comes_back(
 ) -> None:
     """slurmd is killed, and all that runs on the node with it."""
     monkeypatch.setenv("FAKE_TAKES", "20")
-    client = started(command(2))
-    until(lambda: len(counts(tmp_path, "begun")) == 2)
+    client = in_the_middle(command(2), tmp_path)
     slurm.kill("slurmd")
     for line in (tmp_path / "log" / "log.txt").read_text().splitlines():
         os.kill(int(line.split()[2]), signal.SIGKILL)
@@ -174,6 +177,32 @@ def test_what_always_dies_is_named_with_its_log(command, tmp_path: Path) -> None
     assert done.returncode == 1
     (line,) = [line for line in done.stdout.splitlines() if line.startswith("failed: ")]
     assert "died 3 times" in line and "log" in line and counts(tmp_path, "begun") == {"0": 3}
+
+
+def test_datasets_are_made_by_jobs(command, tmp_path: Path) -> None:
+    """Two lenses of one scene: the second job waits for the first, whose depth it copies."""
+    foliage = content_folder("datasets") / "thinlens" / "foliage"
+    lenses = ("--assign", "fixed", "--focus", "0.2,0.8", "--aperture", "1.0", "--width", 32)
+    out = tmp_path / "made"
+    done = called(dofbench("make-dataset", foliage, *lenses, "--out", out, *command(1)[-4:]))
+    assert done.returncode == 0, done.stdout + done.stderr
+    made = [file.parent for file in sorted(out.glob("*/dataset.json"))]
+    assert len(made) == 2 and all(check_dataset(folder) == [] for folder in made)
+
+
+def test_the_runs_of_an_ablation_are_jobs(command, slurm: Cluster, tmp_path: Path) -> None:
+    tables = tmp_path / "tables.toml"
+    tables.write_text(
+        'method = "fake"\n\n[[tables]]\nid = "noise"\ntitle = "What noise costs"\ncolumns = ["psnr"]\n'
+        'switches = ["noisy"]\nreference = "some"\nsource = "none"\n\n'
+        '[[tables.rows]]\nlabel = "some"\nswitches = { noisy = "a little" }\n\n'
+        '[[tables.rows]]\nlabel = "more"\nswitches = { noisy = "much" }\nset = { noise = 0.8 }\n'
+    )
+    where = ("--data", tmp_path / "data", "--results", tmp_path / "results", "--out", tmp_path / "ablation")
+    words = dofbench("ablate", "--tables", tables, "--seeds", 1, *where, *command(1)[-4:])
+    done = called(words)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert statuses(tmp_path) == ["ok"] * 2 and (tmp_path / "ablation" / "noise.md").is_file()
 
 
 @pytest.mark.parametrize(

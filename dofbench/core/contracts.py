@@ -234,7 +234,7 @@ class Resumes(Protocol):
         """What training made before its first step and keeps as it is, such as a depth prior; None without. Asked for
         and pickled once, as it may be large."""
 
-    def go_on_from(self, state: Any, constant: Any) -> None:
+    def resume_from(self, state: Any, constant: Any) -> None:
         """Let the next `fit`, on the same training set, go on from what the two gave. On a CPU the rest of the training
         is the same to the bit."""
 

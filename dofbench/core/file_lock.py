@@ -3,6 +3,7 @@ disk that they share has locks over the network. The lock's file goes with the w
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -52,5 +53,8 @@ def only_writer(root: Path) -> Iterator[None]:
     """Hold the folder against a second run on it. Raises InputError when another one has it."""
     if root.exists() and not root.is_dir():
         raise InputError(root, "a file", "a folder to write to")
+    if root.is_dir() and not os.access(root, os.W_OK):
+        yield  # nobody here can write, so there is nothing to guard
+        return
     with locked(root / FOLDER_LOCK, "another run that is writing it", "one run at a time"):
         yield

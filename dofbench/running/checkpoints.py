@@ -27,6 +27,7 @@ CHECKPOINT_FOLDER = "checkpoints"  # in the run's folder, until the training has
 EVERY = 300.0  # s between two checkpoints
 _KEPT = 2  # the last may be damaged, as by a disk that was full
 _CONSTANT = "constant.pt"  # what doesn't change during the training, saved once
+TWICE = 1.0  # s within which a second signal is the first one again
 _ASKING = (signal.SIGTERM, signal.SIGUSR2)  # Slurm's, before a time limit or a preemption
 _DAMAGED = (OSError, EOFError, RuntimeError, pickle.UnpicklingError, KeyError, TypeError, ValueError, AttributeError)
 
@@ -45,13 +46,15 @@ class Checkpoints:
         self._steps = 0  # that were taken since this process began: without any there is nothing to be saved
         self._constant_saved = False
         self._asked: int | None = None
+        self._asked_at = 0.0
         self._before: dict[signal.Signals, Any] = {}
         self.problem = ""
 
     @contextmanager
     def listening(self) -> Iterator[None]:
         """Answer the signals during the block. A second one, or one before the first step, does what it would without.
-        Python handles signals in the main thread alone: in others nobody listens."""
+        One that comes twice at once, to the group and forwarded by the parent, counts once. Python handles signals in
+        the main thread alone: in others nobody listens."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return
@@ -59,8 +62,8 @@ class Checkpoints:
 
         def asked(number: int, frame: FrameType | None) -> None:
             if self._steps and self._asked is None:
-                self._asked = number
-            else:
+                self._asked, self._asked_at = number, time.monotonic()
+            elif self._asked is None or time.monotonic() - self._asked_at > TWICE:
                 self._end(number)
 
         for number in _ASKING:
@@ -105,7 +108,7 @@ class Checkpoints:
         if self._asked is not None:
             self._end(self._asked)
 
-    def go_on(self) -> dict[str, Any] | None:
+    def resume(self) -> dict[str, Any] | None:
         """Have the method go on from the last checkpoint that is whole; returns the observer's state, None without one.
         For a damaged one the one before it is taken."""
         constant = self._read(self._folder / _CONSTANT)
@@ -113,7 +116,7 @@ class Checkpoints:
             state = self._read(file)
             if state is None or constant is None:
                 continue
-            self._method.go_on_from(state["method"], constant["method"])
+            self._method.resume_from(state["method"], constant["method"])
             self._constant_saved = True
             self.started, self.resumed = state["started"], [*state["resumed"], state["step"]]
             observed: dict[str, Any] = state["observed"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 import shutil
 import sys
 import traceback
@@ -12,13 +11,11 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 
 from rich.console import Console
-from rich.table import Table
 
 from dofbench.core.budget import Budget
 from dofbench.core.clock import StageTimes, loading, timestamp
 from dofbench.core.contracts import LENS_MEASURED, Decision, FitOutcome, Method, Resumes, TrainingSet
-from dofbench.core.errors import Ended, InputError, Status, interruption, out_of_memory
-from dofbench.core.evidence import ROLE_SAYS
+from dofbench.core.errors import InputError, Status, interruption
 from dofbench.core.files import read_json, refuse_links_outside, sha256_file, write_json
 from dofbench.core.images import resize
 from dofbench.core.jobs import Outcome
@@ -46,9 +43,11 @@ from dofbench.evaluation.scoring.evaluate import Evaluation, Evaluator
 from dofbench.evaluation.scoring.held_out_scores import held_out_scores
 from dofbench.methods.cards import MethodEntry, find_method
 from dofbench.running.checkpoints import Checkpoints
-from dofbench.running.data_plan import decided, revised
+from dofbench.running.data_plan import revised
+from dofbench.running.failures import classify
 from dofbench.running.observer import OneStep, TrainingObserver
 from dofbench.running.plan import Plan
+from dofbench.running.show_result import show_cached, show_log, show_result
 from dofbench.running.snapshots import SNAPSHOT_FOLDER, Snapshots
 from dofbench.running.training_log import LOG_FOLDER, TensorBoardLog, write_log
 from dofbench.runtime.device_host import feeding
@@ -93,41 +92,6 @@ def cached(plan: Plan) -> Result | None:
         return None
     earlier = read_result(plan.folder)
     return earlier if earlier.key == plan.spec.key and earlier.finished else None
-
-
-def show_cached(console: Console, plan: Plan, result: Result) -> None:
-    """Show a result that an earlier call has finished."""
-    say(console, f"using the cached result (--rerun trains again): {plan.folder}")
-    show_result(console, plan, result)
-    if plan.settings.log is not None and not (plan.folder / LOG_FOLDER).is_dir():
-        say(console, "no log of the cached result; --rerun trains again")
-    else:
-        show_log(console, plan)
-
-
-def show_log(console: Console, plan: Plan) -> None:
-    """Show the command that opens the run's log, if one was asked for."""
-    if plan.settings.log is not None:
-        say(console, f"log    tensorboard --logdir {shlex.quote(str(plan.folder / LOG_FOLDER))}")
-
-
-def show_result(console: Console, plan: Plan, result: Result) -> None:
-    """Show the decisions that training made, and the scores with the reason for each one that is missing."""
-    for line in decided(plan.by_data.stages, result.plan):
-        say(console, line)
-    table = Table("score", "value", title=f"{result.spec.method} on {result.spec.dataset}, {result.spec.protocol}")
-    for column, value in result.scores.items():
-        table.add_row(column, f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}")
-    console.print(table)
-    if result.role is not None:
-        say(console, ROLE_SAYS[result.role])
-    if result.no_ranking:
-        say(console, f"this dataset can't rank lenses: {result.no_ranking}")
-    reasons: dict[str, list[str]] = {}
-    for column, reason in result.left_out.items():
-        reasons.setdefault(reason, []).append(column)
-    for reason, columns in reasons.items():
-        say(console, f"no {', '.join(columns)}: {reason}")
 
 
 @dataclass(eq=False)
@@ -195,7 +159,7 @@ class Execution:
             raise
         except (Exception, KeyboardInterrupt) as error:
             if (stop := interruption(error)) is not None:
-                message = f"after {self._steps(trained)} steps; the same command goes on"
+                message = f"after {self._steps(trained)} steps; rerun the same command to resume"
                 self._finish(Status.INTERRUPTED, message, "", trained, Evaluation())
                 raise stop from None
             status, message = classify(error)
@@ -237,10 +201,10 @@ class Execution:
             kept = self.checkpoints = self._checkpoints()
             observer = TrainingObserver(self.budget, clock, evaluating, evaluate, self.progress, add, snapshots, kept)
             self.observer = observer
-            if kept is not None and (observed := kept.go_on()) is not None:
-                observer.go_on_from(observed)
+            if kept is not None and (observed := kept.resume()) is not None:
+                observer.resume_from(observed)
                 self.started = kept.started
-                say(self.console, f"going on after step {observer.steps}, where the training was cut off")
+                say(self.console, f"resuming from the checkpoint after step {observer.steps}")
             try:
                 with kept.listening() if kept else nullcontext(), clock.running(), feeding(self.spec.device):
                     outcome = self.method.fit(training_set, self.budget, observer)
@@ -291,13 +255,11 @@ class Execution:
         return trained
 
     def _checkpoints(self) -> Checkpoints | None:
-        """Of the method that trains; None for one that can't go on in another process."""
+        """Of the method that trains; None for one that can't resume. A finished run has none: --rerun then trains from
+        the start, and resumes after an interruption of its own."""
         if not isinstance(self.method, Resumes):
             return None
-        checkpoints = Checkpoints(self.folder, self.spec.key, self.method, self.started)
-        if self.plan.settings.rerun:
-            checkpoints.remove()
-        return checkpoints
+        return Checkpoints(self.folder, self.spec.key, self.method, self.started)
 
     def _warm_up(self, training_set: TrainingSet) -> None:
         with self.progress.uncounted("JIT compilation and warm-up"), self.stages[WARM_UP].running():
@@ -488,23 +450,3 @@ def kernels_compiled() -> int:
     """Kernels that this process has compiled so far; none where their machine code lay on disk."""
     cache = sys.modules.get("dofbench.runtime.kernel_cache")
     return cache.compiled() if cache else 0
-
-
-def classify(error: BaseException) -> tuple[Status, str]:
-    """The typed status of an exception out of a method, and one line about it; a crash with the file and line of the
-    failing code."""
-    if isinstance(error, Ended):
-        return error.status, " ".join(str(error).split())
-    text = " ".join(f"{type(error).__name__}: {error}".split())
-    if out_of_memory(error):
-        return Status.OUT_OF_MEMORY, text
-    if isinstance(error, FloatingPointError):
-        return Status.DIVERGED, text
-    return Status.CRASHED, f"{text}{_place(error)}"
-
-
-def _place(error: BaseException) -> str:
-    """Where the error was raised: the innermost line of code that isn't an installed library's."""
-    frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if "site-packages" not in frame.filename] or frames
-    return f" ({own[-1].filename}:{own[-1].lineno})" if own else ""

@@ -18,9 +18,10 @@ from dofbench.core.progress import Terminal, say
 from dofbench.evaluation.comparing.design import undecided
 from dofbench.evaluation.results.run_spec import RunSpec
 from dofbench.running.batch import Batch, executor_for
-from dofbench.running.execution import cached, execute, show_cached
+from dofbench.running.execution import cached, execute
 from dofbench.running.plan import Plan, different_datasets, make_plan
 from dofbench.running.run_options import Runs
+from dofbench.running.show_result import show_cached
 
 # The scores of a matrix's table, as far as any run has them.
 _SHOWN = ("psnr", "aif_psnr", "photo_psnr", "delta_r", "held_out_psnr", "train_s")

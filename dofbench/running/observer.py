@@ -106,7 +106,7 @@ class TrainingObserver:
         return not self._stopped
 
     def state(self) -> dict[str, Any]:
-        """What a later process needs to go on, for `go_on_from`."""
+        """What a later process needs to go on, for `resume_from`."""
         clocks = {"train": self._clock, "evaluate": self._evaluating}
         return {
             "seconds": {name: (clock.wall, clock.cpu) for name, clock in clocks.items()},
@@ -117,7 +117,7 @@ class TrainingObserver:
             "curve": [point.model_dump() for point in self.curve],
         }
 
-    def go_on_from(self, state: Mapping[str, Any]) -> None:
+    def resume_from(self, state: Mapping[str, Any]) -> None:
         """Go on from the `state` of an earlier process: its clocks, curve and losses count."""
         self._clock.add(*state["seconds"]["train"])
         self._evaluating.add(*state["seconds"]["evaluate"])

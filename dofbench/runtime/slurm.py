@@ -67,7 +67,6 @@ class Slurm:
             raise InputError("--on slurm", f"no {missing[0]}", "a machine from which jobs can be submitted")
         self._folder, self._parameters = folder.resolve(), dict(parameters)
         self._records = self._folder / "records"
-        self._records.mkdir(parents=True, exist_ok=True)
         self._submitit = submitit.SlurmExecutor(folder=self._folder / "jobs", max_num_timeout=_LIMITS)
         try:
             self._submitit.update_parameters(**self._parameters)
@@ -77,6 +76,7 @@ class Slurm:
 
     def run(self, jobs: Sequence[Job], watcher: Watcher) -> list[Outcome]:
         """See `dofbench.core.jobs.Executor.run`."""
+        self._records.mkdir(parents=True, exist_ok=True)
         waiting, outcomes = list(jobs), dict[str, Outcome]()
         queued: dict[str, _Submitted] = {}
 

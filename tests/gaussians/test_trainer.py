@@ -24,7 +24,7 @@ from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingSet
 from dofbench.core.errors import Ended, Status
-from dofbench.running.execution import classify
+from dofbench.running.failures import classify
 from dofbench.runtime.device_memory import would_fit
 from dofbench.training.common.depth import sparse_depth
 from dofbench.training.common.views import MOST, VISITS, OutlierOptions, OutlierViews, ViewOrder

@@ -13,6 +13,7 @@ from dofbench.core.errors import Interrupted
 from dofbench.datasets.synthesis import make_dataset
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.evaluation.results.result import read_result
+from dofbench.running import checkpoints as checkpoints_module
 from dofbench.running.checkpoints import CHECKPOINT_FOLDER, Checkpoints
 
 
@@ -29,7 +30,7 @@ class Counting:
         self.asked += 1
         return "prior"
 
-    def go_on_from(self, state: int, constant: str) -> None:
+    def resume_from(self, state: int, constant: str) -> None:
         assert constant == "prior"
         self.number = state
 
@@ -51,9 +52,9 @@ def saved(folder: Path, *steps: int) -> list[Path]:
 def test_the_last_two_are_kept_and_the_last_counts(tmp_path: Path) -> None:
     assert len(saved(tmp_path, 3, 5, 11)) == 2
     kept, method = checkpoints(tmp_path)
-    assert kept.go_on() == {"steps": 11} and method.number == 110 and kept.resumed == [11]
+    assert kept.resume() == {"steps": 11} and method.number == 110 and kept.resumed == [11]
     kept.remove()
-    assert checkpoints(tmp_path)[0].go_on() is None
+    assert checkpoints(tmp_path)[0].resume() is None
 
 
 @pytest.mark.parametrize("damage", [lambda data: b"", lambda data: data[: len(data) // 2], lambda data: b"no" + data])
@@ -61,27 +62,31 @@ def test_for_a_damaged_one_the_one_before_is_taken(damage, tmp_path: Path) -> No
     last = saved(tmp_path, 3, 5)[-1]
     last.write_bytes(damage(last.read_bytes()))
     kept, method = checkpoints(tmp_path)
-    assert kept.go_on() == {"steps": 3} and method.number == 30
+    assert kept.resume() == {"steps": 3} and method.number == 30
 
 
-def test_another_run_doesnt_go_on_from_it(tmp_path: Path) -> None:
+def test_another_run_doesnt_resume_from_it(tmp_path: Path) -> None:
     saved(tmp_path, 3)
-    assert checkpoints(tmp_path, key="b")[0].go_on() is None
+    assert checkpoints(tmp_path, key="b")[0].resume() is None
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGUSR2])
-def test_a_signal_waits_for_the_end_of_the_step(number: signal.Signals, tmp_path: Path) -> None:
+def test_a_signal_waits_for_the_end_of_the_step(
+    number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     kept, _ = checkpoints(tmp_path)
     before = signal.getsignal(number)
     with kept.listening():
         assert not kept.due()
         signal.raise_signal(number)
         assert kept.due()
+        signal.raise_signal(number)  # to the group, and forwarded by the parent
         with pytest.raises(Interrupted):
             kept.save(2, {})
+        monkeypatch.setattr(checkpoints_module, "TWICE", 0.0)
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(number)  # whoever asks twice doesn't want to wait
-    assert signal.getsignal(number) == before and checkpoints(tmp_path)[0].go_on() == {}
+    assert signal.getsignal(number) == before and checkpoints(tmp_path)[0].resume() == {}
     with kept.listening(), pytest.raises(KeyboardInterrupt):
         checkpoints_of_no_step, _ = checkpoints(tmp_path)
         with checkpoints_of_no_step.listening():
@@ -115,10 +120,10 @@ def test_what_sigterm_cuts_off_ends_as_if_it_had_not(data: Path, tmp_path: Path)
     assert done.returncode == 128 + signal.SIGTERM, done.stdout
     (file,) = (tmp_path / "cut").rglob("result.json")
     left = read_result(file)
-    assert left.status == "interrupted" and "same command" in left.message
+    assert left.status == "interrupted" and "resume" in left.message
     assert list(file.parent.glob(f"{CHECKPOINT_FOLDER}/*.pt"))
     again = called(cut)
-    assert again.returncode == 0 and "going on after step" in again.stdout, again.stdout + again.stderr
+    assert again.returncode == 0 and "resuming from the checkpoint" in again.stdout, again.stdout + again.stderr
     whole = called(command(data, tmp_path / "whole"))
     assert whole.returncode == 0, whole.stderr
     (other,) = (tmp_path / "whole").rglob("result.json")
@@ -126,7 +131,7 @@ def test_what_sigterm_cuts_off_ends_as_if_it_had_not(data: Path, tmp_path: Path)
     assert len(read_result(file).resumed) == 1 and read_result(other).resumed == []
     assert not (file.parent / CHECKPOINT_FOLDER).exists()
     assert called(dofbench("check", tmp_path / "cut")).returncode == 0
-    assert "going on" not in called([*cut, "--rerun"]).stdout
+    assert "resuming" not in called([*cut, "--rerun"]).stdout
 
 
 @pytest.mark.slow

@@ -58,11 +58,7 @@ class Watched(Fake):
 @pytest.fixture
 def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """`dofbench run` with three seeds on a small dataset, with a method that costs nothing, two runs at a time."""
-    method = fake_method_and_data(tmp_path, monkeypatch, width=48)
-    trainer = method / "trainer.py"
-    trainer.write_text(trainer.read_text() + MOMENTS)
-    card = method / "method.toml"
-    card.write_text(card.read_text().replace("trainer:Fake", "trainer:Watched"))
+    fake_method_and_data(tmp_path, monkeypatch, 48, MOMENTS, "Watched")
     (tmp_path / "log").mkdir()
     monkeypatch.setenv("FAKE_LOG", str(tmp_path / "log"))
     data, results = tmp_path / "data", tmp_path / "results"

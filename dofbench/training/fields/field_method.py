@@ -92,13 +92,13 @@ class FieldMethod:
     def _take_over(self, kept: dict[str, Any], trainer: FieldTrainer) -> None:
         """Take over what `training_state` gave, in which the forward model and the method share objects."""
         self._random = kept["random"]
-        trainer.go_on_from(kept["trainer"])
+        trainer.resume_from(kept["trainer"])
 
     def constant_state(self) -> object:
         """See `dofbench.core.contracts.Resumes`: nothing."""
         return None
 
-    def go_on_from(self, state: Any, constant: Any) -> None:
+    def resume_from(self, state: Any, constant: Any) -> None:
         """See `dofbench.core.contracts.Resumes`."""
         self._kept = state
 

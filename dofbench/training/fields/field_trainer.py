@@ -111,7 +111,7 @@ class FieldTrainer:
         own = {name: value for name, value in vars(self).items() if name not in _MADE_ANEW}
         return {"own": own, "pixels": self._pixels.state(), "pace": self._pace.state()}
 
-    def go_on_from(self, kept: dict[str, Any]) -> None:
+    def resume_from(self, kept: dict[str, Any]) -> None:
         """Let `fit` go on from the state of an earlier process; on a CPU the rest is the same to the bit."""
         vars(self).update(kept["own"])
         self._pixels.restore(kept["pixels"])

@@ -95,7 +95,7 @@ class GaussianMethod:
         forget_peak(self._device)
         self._trainer = Trainer(training_set, self._options, self._seed, self._device)
         if self._kept is not None:
-            self._trainer.go_on_from(*self._kept)
+            self._trainer.resume_from(*self._kept)
             self._kept = None
         self._gaussians, self._renderer = self._trainer.gaussians, None
         self._offset = training_set.offset
@@ -112,7 +112,7 @@ class GaussianMethod:
         """See `dofbench.core.contracts.Resumes`: the depth prior."""
         return self.trainer.prior
 
-    def go_on_from(self, state: Any, constant: Any) -> None:
+    def resume_from(self, state: Any, constant: Any) -> None:
         """See `dofbench.core.contracts.Resumes`."""
         self._kept = state, constant
 

@@ -129,7 +129,7 @@ class Trainer:
                 self._scaled = self._scale_views()
                 pace.plan(self.options.starts(), probe)
             else:
-                self._go_on(self._kept)
+                self._resume(self._kept)
                 pace.restore(self._kept.pace, probe)
             while (progress := pace.progress(self._step)) < 1:
                 if self._trials.due(self._step, progress):
@@ -189,11 +189,11 @@ class Trainer:
             self._unmeasured,
         )
 
-    def go_on_from(self, kept: TrainerState, prior: Prior | None) -> None:
+    def resume_from(self, kept: TrainerState, prior: Prior | None) -> None:
         """Let `fit` go on from the state of an earlier process and its depth prior, on a CPU to the same bits."""
         self._kept, self.prior = kept, prior
 
-    def _go_on(self, kept: TrainerState) -> None:
+    def _resume(self, kept: TrainerState) -> None:
         self._step = kept.step
         self.restore(kept.snapshot)
         self.state.cameras, self.state.order.left_out = kept.cameras, kept.left_out

@@ -53,7 +53,7 @@ def test_the_rest_is_the_same(name: str, at: int, tmp_path: Path) -> None:
     seen, rest = Keeping(whole, at), Recorder()
     whole.fit(training_set(), Budget(steps=STEPS), seen)
     assert isinstance(cut, Resumes)
-    cut.go_on_from(*pickle.loads(seen.kept))
+    cut.resume_from(*pickle.loads(seen.kept))
     outcome = cut.fit(training_set(), Budget(steps=STEPS), rest)
     assert outcome.steps == STEPS and rest.losses == seen.losses[at:]
     assert files(cut, tmp_path / "cut") == files(whole, tmp_path / "whole")
