@@ -4,7 +4,8 @@
 # The rule by which they are cut, stated before any run:
 #   - Blocks are run in the order below, until the time for it is over. A block is on the board when all of its runs have
 #     ended, however they ended; else the whole block is left out.
-#   - All methods run in their default presets, which are fixed, at these presets' own lengths. Seed 0; seeds 1 and 2 for the five methods with the best mean of the first seed.
+#   - All methods run in their default presets, which are fixed, at these presets' own lengths. Seed 0; seeds 1 and 2 for
+#     the five methods with the best mean of the first seed.
 #   - Rendered and blurred scenes come in an order that was drawn (Python's random.Random(53).shuffle of the names in the
 #     order of the board before: first the six, then the three).
 #   - Fields are cut first, after drinks and the light field: their scene is a grid of this project, so they are least
@@ -16,7 +17,7 @@
 #     not of BAGS, CoCoGaussian and gsplat's module.
 # Changed before any rendered or blurred scene had been run:
 #   - A rendered or blurred scene is two blocks, the methods that took at most five minutes on drinks (quick:) and the
-#     three that took longer (slow:), whose names decide, not their scores. quick: comes first, on three rendered scenes,
+#     three that took longer (slow:): chosen by time, not by score. quick: comes first, on three rendered scenes,
 #     as only three scenes of one kind of defocus can decide anything; then slow: on the same three.
 # Changed once quick:attic and quick:glaze had been seen:
 #   - sharp:attic and sharp:glaze come right after them: a run each, for the time that was left.
