@@ -15,6 +15,7 @@ CANDIDATES = (
     64  # views that share most points with one, or without any the nearest: among these the best are looked for
 )
 SPREAD = 1024  # points over the whole scene, by which views without common points are compared
+CLOUD = 4096  # points of a cloud without tracks that count: each is seen by all views that it lies before
 _UNSEEN = 1e-3  # of a suitable angle, for a view without common points: it comes after all others
 
 
@@ -24,19 +25,22 @@ def choose_sources(training_set: TrainingSet, most: int) -> list[list[int]]:
     assert points is not None
     centres = np.stack([view.camera.centre for view in views])
     if points.views is None:
+        points = points.kept(np.arange(len(points)) % (-(-len(points) // CLOUD) or 1) == 0)
         seen = [np.flatnonzero(view.camera.inside(view.camera.project(points.xyz)[0])) for view in views]
     else:
         seen = [points.seen_from(index) for index in range(len(views))]
     rays = [_rays(points.xyz[index], centre) for index, centre in zip(seen, centres, strict=True)]
     spread = points.xyz[:: -(-len(points) // SPREAD) or 1]
     worth: list[dict[int, float]] = [{} for _ in views]
+    place = np.full(len(points), -1)  # of each point among those that one view sees
     for one, others in enumerate(_sharing(seen, len(points))):
+        place[seen[one]] = np.arange(len(seen[one]))
         for other in others:
             if other not in worth[one]:
-                here = np.searchsorted(seen[one], seen[other])
-                common = seen[one][np.minimum(here, len(seen[one]) - 1)] == seen[other]
-                fair = _fairness(rays[one][here[common]], rays[other][common])
+                here = place[seen[other]]
+                fair = _fairness(rays[one][here[here >= 0]], rays[other][here >= 0])
                 worth[one][other] = worth[other][one] = float(fair.sum())
+        place[seen[one]] = -1
     for one, known in enumerate(worth):
         if len(known) < min(most, len(views) - 1):
             own = _rays(spread, centres[one])
