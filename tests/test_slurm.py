@@ -8,11 +8,13 @@ import subprocess
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from called import PATIENCE, called, dofbench, fake_method_and_data
 from slurm_cluster import Cluster, absent, cluster
+from small_disk import small_disk
 
 from dofbench.core.content import content_folder
 from dofbench.datasets.synthesis.verify import check_dataset
@@ -168,6 +170,26 @@ def test_before_a_time_limit_a_training_is_kept_and_goes_on(command, slurm: Clus
     (file,) = (tmp_path / "results").rglob("result.json")
     result = read_result(file)
     assert result.status == "ok" and result.scores["steps"] == 1500 and len(result.resumed) == 1
+
+
+def test_on_a_full_disk_what_is_finished_stays(command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One run is finished, then the disk of the results is full when two more write theirs; with room again only these
+    are made."""
+    with small_disk(tmp_path / "results", 30_000) as mounted:
+        assert called(command(1)).returncode == 0
+        monkeypatch.setenv("FAKE_TAKES", "4")
+        client = started(command(3))
+        until(lambda: len(counts(tmp_path, "begun")) == 3)
+        with suppress(OSError), (tmp_path / "results" / "filler").open("wb", buffering=0) as filler:
+            while True:
+                filler.write(bytes(4096))
+        said, _ = client.communicate(timeout=PATIENCE)
+        assert client.returncode == 1 and "No space left" in said and "Traceback" not in said, said
+        assert statuses(tmp_path) == ["ok"]
+        mounted("size=90m")
+        done = called(command(3))
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert statuses(tmp_path) == ["ok"] * 3 and counts(tmp_path, "begun")["0"] == 1
 
 
 def test_what_always_dies_is_named_with_its_log(command, tmp_path: Path) -> None:

@@ -221,7 +221,8 @@ class Slurm:
         except (FileNotFoundError, EOFError, pickle.UnpicklingError):
             return None
         if how == "success":
-            for left in self._folder.glob(f"jobs/{one.number}_*"):
+            paths = self._paths(one)
+            for left in (paths.submission_file, paths.submitted_pickle, file, paths.stdout, paths.stderr):
                 left.unlink(missing_ok=True)
             return content
         return "problem", str(content)

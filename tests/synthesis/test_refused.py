@@ -6,11 +6,11 @@ import os
 import re
 import resource
 import shutil
-import subprocess
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from small_disk import small_disk
 
 from dofbench.cli import app
 from dofbench.core.images import read_exr, write_exr
@@ -69,26 +69,19 @@ def test_a_model_that_fails_in_the_middle(scene, tmp_path):
     assert not list((tmp_path / "sparse" / "0").iterdir())
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can mount a small file system")
 @pytest.mark.parametrize("room", range(100, 1000, 180))  # KiB; the dataset has about 1000
 def test_a_full_disk(scene, dataset_folder, tmp_path, contents, capsys, room):
     disk = tmp_path / "disk"
-    disk.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", f"size={room}k", "tmpfs", str(disk)]
-    if subprocess.run(mount, capture_output=True).returncode != 0:
-        pytest.skip("file systems can't be mounted here")
-    try:
+    with small_disk(disk, room) as mounted:
         status, said = command(capsys, scene, "--out", disk / "out")
         assert status == 1
         assert re.fullmatch(rf"dofbench: {disk}/out\S*: No space left on device; finished work is kept", said)
-        assert subprocess.run(["mount", "-o", "remount,size=10m", str(disk)], capture_output=True).returncode == 0
+        mounted("size=10m")
         assert command(capsys, scene, "--out", disk / "out")[0] == 0
         assert contents(disk / "out") == contents(dataset_folder)
-        assert subprocess.run(["mount", "-o", "remount,ro", str(disk)], capture_output=True).returncode == 0
+        mounted("ro")
         status, said = command(capsys, scene, "--out", disk / "other")
         assert (status, said) == (1, f"dofbench: {disk / 'other'}: Read-only file system; finished work is kept")
-    finally:
-        subprocess.run(["umount", "-l", str(disk)], capture_output=True)
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
