@@ -277,7 +277,7 @@ def _points(reconstruction: pycolmap.Reconstruction, image_ids: Sequence[int], s
     # COLMAP writes -1 where it doesn't know the error.
     error[error < 0] = np.nan
     tracks = tuple(
-        np.unique(np.array([rank[e.image_id] for e in point.track.elements if e.image_id in rank], dtype=np.int64))
+        np.array(sorted({rank[e.image_id] for e in point.track.elements if e.image_id in rank}), dtype=np.int64)
         for point in rows
     )
     rgb = np.array([point.color for point in rows], dtype=np.float32) / np.float32(255.0)
