@@ -9,6 +9,8 @@ preset, and one that differs from it in nothing but its budget from both.
 from __future__ import annotations
 
 import subprocess
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -118,18 +120,48 @@ def state_of(method: str, preset: str, choices: str | None, budget: str) -> Stat
     That only the budget differs shows where the preset as it is now is what was frozen, and gives the result's digest
     with the result's budget. Raises InputError for a damaged card or file.
     """
+    return standing(method, preset).state(choices, budget)
+
+
+def standing(method: str, preset: str) -> PresetStanding:
+    """Whether a preset is frozen, to ask of many results (`state_of`). Raises InputError for a damaged file."""
     files = method_files()
     found = frozen_presets(files[method].parent).get(preset) if method in files else None
-    if found is None:
-        return "not frozen"
-    if found.digest == choices:
-        return "frozen"
-    entry = find_method(method)
-    if preset not in entry.card.presets or preset_digest(entry, preset) != found.digest:
-        return "changed"
-    _, options, _ = entry.preset(preset)
-    same = choices == choices_digest(entry, options, parse_budget(budget), force_all=False)
-    return "other budget" if same else "changed"
+    return PresetStanding(method, preset, None if found is None else found.digest)
+
+
+@dataclass(frozen=True)
+class PresetStanding:
+    """A preset, and the digest by which it is frozen; None if it isn't. The method is read where a result asks."""
+
+    method: str
+    preset: str
+    digest: str | None
+
+    def state(self, choices: str | None, budget: str) -> State:
+        """As `state_of`."""
+        if self.digest is None:
+            return "not frozen"
+        if self.digest == choices:
+            return "frozen"
+        if not self._as_frozen:
+            return "changed"
+        if budget not in self._by_budget:
+            entry = find_method(self.method)
+            _, options, _ = entry.preset(self.preset)
+            self._by_budget[budget] = choices_digest(entry, options, parse_budget(budget), force_all=False)
+        return "other budget" if choices == self._by_budget[budget] else "changed"
+
+    @cached_property
+    def _as_frozen(self) -> bool:
+        """Whether the preset as it is now is what was frozen."""
+        entry = find_method(self.method)
+        return self.preset in entry.card.presets and preset_digest(entry, self.preset) == self.digest
+
+    @cached_property
+    def _by_budget(self) -> dict[str, str]:
+        """Budget -> digest of a run of the preset as it is now."""
+        return {}
 
 
 def freeze(method: str, preset: str) -> FrozenPreset:

@@ -170,14 +170,14 @@ def _series(board: Board, column: str, names: Names) -> list[Series]:
     """The series of one board that have a point."""
     found = []
     # With more variants than looks two lines of one plot could look alike, if places were the report's.
-    places = list(names if len(names) <= LOOKS else board.variants)
+    places = {variant: place for place, variant in enumerate(names if len(names) <= LOOKS else board.variants)}
     for variant, seeds in board.variants.items():
         runs = tuple(curve_of(entry, column, processor=board.by_cpu) for entry in seeds)
         if any(run.points for run in runs):
             whole = all(run.points and run.status is Status.OK for run in runs)
             median = joint_curve([run.points for run in runs], statistics.median) if whole else ()
             signs = board.lines[variant].signs
-            found.append(Series(variant, *names[variant], runs, median, places.index(variant), signs))
+            found.append(Series(variant, *names[variant], runs, median, places[variant], signs))
     return found
 
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from dofbench.evaluation.comparing.means import scene_mean
 from dofbench.evaluation.results.collecting import grouped
 from dofbench.evaluation.results.columns import COLUMNS, COST, HELD_OUT_SCORES
-from dofbench.methods.cards import find_method, method_files
 from dofbench.reporting.boards import (
     Board,
     Line,
@@ -19,6 +18,7 @@ from dofbench.reporting.boards import (
     mean_lines,
     united,
 )
+from dofbench.reporting.installed import installed
 from dofbench.reporting.paper import NOTHING_PRINTED, Figures, paper_figures, ssim_note
 from dofbench.reporting.tables import (
     NAMES,
@@ -185,19 +185,21 @@ def _mean_table(
     paper = [column for column in figures.columns if any(column in row for row in theirs.values())]
     of_it = f"{figures.source} has no such figure of it"
     changed = {entry.variant for board in boards for entry in board.members if entry.changed}
-    as_it_is = [line for variant, line in means.items() if variant not in changed]
-    absent = [line for line in lines if _silent(line, shown) and _card_name(line.method) not in theirs]
-    present = _sorted([line for line in lines if line not in absent], shown)
+    methods = {line.method: _card_name(line.method) for line in lines}
+    here = {methods[line.method] for variant, line in means.items() if variant not in changed}
+    changed_lines = {id(line) for variant, line in means.items() if variant in changed}
+    silent = {id(line): _silent(line, shown) and methods[line.method] not in theirs for line in lines}
+    absent = [line for line in lines if silent[id(line)]]
+    present = _sorted([line for line in lines if not silent[id(line)]], shown)
 
     def printed(row: Mapping[str, float], silent: str) -> list[Cell]:
         return [published(row.get(column), COLUMNS[column], silent) for column in paper]
 
     def of_line(line: Line) -> list[Cell]:
-        if line.competes and line not in as_it_is:
+        if id(line) in changed_lines:
             return printed({}, _CHANGED)
-        return printed(theirs.get(_card_name(line.method), {}), of_it)
+        return printed(theirs.get(methods.get(line.method, ""), {}), of_it)
 
-    here = {_card_name(line.method) for line in as_it_is}
     more = [
         (*cells(method, "the paper's only", ""), *(gap("not run here") for _ in shown), *printed(row, of_it))
         for method, row in theirs.items()
@@ -228,9 +230,9 @@ def _scene_table(layout: Layout, boards: Sequence[Board], figures: Figures) -> T
     best = {board.name: best_texts(list(board.lines.values()), shown) for board in boards}
     absent = {board.name: empty_columns(list(board.lines.values()), shown) for board in boards}
     kept = [(board, column) for board in boards for column in shown if column not in absent[board.name]]
-    silent = [
-        one for one in variants if all(_silent(board.lines[one], shown) for board in boards if one in board.lines)
-    ]
+    silent = {
+        one: None for one in variants if all(_silent(board.lines[one], shown) for board in boards if one in board.lines)
+    }
 
     def cell(board: Board, variant: Variant, column: str) -> Cell:
         if variant not in board.lines:
@@ -303,4 +305,5 @@ def _sorted(lines: list[Line], shown: Sequence[str]) -> list[Line]:
 
 def _card_name(method: str) -> str:
     """The method's name by its card; its id if the method isn't installed here."""
-    return find_method(method).card.name if method in method_files() else method
+    found = installed(method)
+    return method if found is None else found.card.name

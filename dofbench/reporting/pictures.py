@@ -243,7 +243,8 @@ def link(files: Iterable[Path], folder: Path) -> dict[Path, str]:
                     os.link(file, temporary)
                 except OSError:
                     shutil.copyfile(file, temporary)
+    kept = set(names.values())
     for old in folder.glob("*") if folder.is_dir() else ():
-        if _LINKED.fullmatch(old.name) and old.name not in names.values():
+        if _LINKED.fullmatch(old.name) and old.name not in kept:
             old.unlink()
     return {file: f"{folder.name}/{name}" for file, name in names.items()}

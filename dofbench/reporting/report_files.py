@@ -18,9 +18,10 @@ from dofbench.evaluation.figures import file_name
 from dofbench.evaluation.results.collecting import Entry, added_columns, board_names, collect, grouped, variant_names
 from dofbench.evaluation.results.columns import FILE_SCORES, IDENTITY, PER_VIEW, STANDING
 from dofbench.reporting.ablation import read_documents
-from dofbench.reporting.boards import frozen_state, gather, role_of
+from dofbench.reporting.boards import gather, role_of
 from dofbench.reporting.curves import board_plots, mean_plots
 from dofbench.reporting.draw import write_curves, write_strip
+from dofbench.reporting.installed import frozen_state, read_again
 from dofbench.reporting.pairs import comparison_rows, mean_pairs
 from dofbench.reporting.pictures import galleries, link
 from dofbench.reporting.render import html, markdown
@@ -63,6 +64,7 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
     The same results give the same files, byte for byte. A result that can't be read is skipped and named. Raises
     InputError when there is no result at all or none of a method to compare with, or no table in a folder of ablations.
     """
+    read_again()
     tell = partial(say, console or Console())
     collection, out = collect(settings.results, *settings.merge), settings.out
     ablations = read_documents(settings.ablation) if settings.ablation is not None else ()

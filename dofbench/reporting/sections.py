@@ -15,8 +15,8 @@ from dofbench.evaluation.results.collecting import Entry, grouped
 from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.evaluation.results.protocol import AIF_PREFIX, arithmetic_mean
 from dofbench.evaluation.results.result import Result
-from dofbench.methods.cards import find_method, method_files
 from dofbench.reporting.boards import Board, Line, Names, mean_lines, sorted_lines
+from dofbench.reporting.installed import installed
 from dofbench.reporting.pairs import pair_sections
 from dofbench.reporting.paper import ssim_note
 from dofbench.reporting.tables import (
@@ -116,9 +116,8 @@ def _asked_lines(whole: Line, seeds: Sequence[Entry]) -> list[Line]:
 
 def claims_section(entries: Sequence[Entry]) -> Section | None:
     """The figures that authors published for their methods, apart because data and metrics differ from ours."""
-    installed = method_files()
-    used = sorted({entry.spec.method for entry in entries} & installed.keys())
-    claims = {method: claim for method in used if (claim := find_method(method).card.claims) is not None}
+    used = {method: installed(method) for method in sorted({entry.spec.method for entry in entries})}
+    claims = {method: found.card.claims for method, found in used.items() if found and found.card.claims}
     if not claims:
         return None
     columns = list(dict.fromkeys(column for claim in claims.values() for row in claim.rows.values() for column in row))
@@ -159,7 +158,7 @@ def column_section(columns: Sequence[str]) -> Section:
 def run_table(entries: Sequence[Entry], boards: Sequence[Board]) -> tuple[Table, tuple[str, ...]]:
     """(table of command, code and machine of every run; the machines by their number in the table)."""
     machines: dict[str, int] = {}
-    rows = []
+    rows, by_key = [], {board.key: board for board in boards}
     for entry in entries:
         result, code = entry.result, (entry.spec.key[:8], entry.spec.code.rpartition("+")[2][:8])
         how: tuple[str | Cell, ...] = (_UNKNOWN, _UNKNOWN, *code, _UNKNOWN, _UNKNOWN, "", "")
@@ -170,7 +169,7 @@ def run_table(entries: Sequence[Entry], boards: Sequence[Board]) -> tuple[Table,
             command = Cell("", sort=result.command, code=(result.command,))
             made = result.started[:16].replace("T", " "), command, *code, commit_text(result), str(machine)
             how = (*made, "; ".join(disabled), "; ".join(enabled))
-        rows.append(cells(*_names(entry, boards), str(entry.status), entry.spec.budget, *how))
+        rows.append(cells(*_names(entry, by_key[entry.board]), str(entry.status), entry.spec.budget, *how))
     headings = (
         *word_headings("dataset", "method", "preset", "seed", "status", "budget"),
         *word_headings("started (UTC)", wide=True),
@@ -191,18 +190,17 @@ def stage_table(entries: Sequence[Entry], boards: Sequence[Board]) -> Table:
         *(Heading(f"{stage} [s]", "harness") for stage in stages),
         *(Heading(f"{stage} [s]", "within training") for stage in own),
     )
-    rows = []
+    rows, by_key = [], {board.key: board for board in boards}
     for entry, result in timed:
         times = [result.stages[stage].wall if stage in result.stages else None for stage in stages]
         times += [result.method_stages.get(stage) for stage in own]
         shown = (Cell("not run", "number") if time is None else Cell(f"{time:.2f}", "number", time) for time in times)
-        rows.append((*_names(entry, boards), *shown))
+        rows.append((*_names(entry, by_key[entry.board]), *shown))
     caption = "Wall seconds of the harness's stages, and of the method's own within training"
     return Table(caption, headings, tuple(rows))
 
 
-def _names(entry: Entry, boards: Sequence[Board]) -> tuple[Cell, ...]:
-    board = next(board for board in boards if board.key == entry.board)
+def _names(entry: Entry, board: Board) -> tuple[Cell, ...]:
     line, seed = board.lines[entry.variant], Cell(str(entry.spec.seed), sort=float(entry.spec.seed))
     return cells(board.name, words(line.method, line.signs), line.preset, seed)
 

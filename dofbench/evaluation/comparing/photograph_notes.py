@@ -45,8 +45,13 @@ def no_ranking(members: Sequence[Entry]) -> str:
 
 def _coverage(groups: Groups, others: Sequence[Entry], shown: Mapping[Variant, str]) -> Iterator[str]:
     """For each variant that was also trained with a part of the test photographs: both scores of the rest."""
+    alike: dict[tuple[str, ...], list[Entry]] = {}
+    scenes = {runs[0].scene for runs in groups.values() if runs}
+    for other in others:
+        if other.scene in scenes:
+            alike.setdefault(_made(other), []).append(other)
     for variant, runs in groups.items():
-        more = [other for other in others if runs and _covers_more(other, runs[0])]
+        more = [other for other in alike.get(_made(runs[0]), ()) if _covers_more(other, runs[0])] if runs else []
         if not more:
             continue
         left, all_of = _split(more[0])[1], _split(runs[0])[1]
@@ -59,8 +64,8 @@ def _coverage(groups: Groups, others: Sequence[Entry], shown: Mapping[Variant, s
 
 
 def _covers_more(other: Entry, run: Entry) -> bool:
-    """Whether `other` is the same method and options, trained on a part of this run's test views too."""
-    if other.scene != run.scene or _made(other) != _made(run):
+    """Whether `other`, of the same method and options, was trained on a part of this run's test views too."""
+    if other.scene != run.scene:
         return False
     (train, test), (more, left) = _split(run), _split(other)
     return bool(left) and left < test and more == train | (test - left)
@@ -95,10 +100,11 @@ def _psnr(runs: Sequence[Entry], views: set[str]) -> float | None:
 def undetermined(groups: Groups) -> dict[Variant, str]:
     """Variant -> why its scores against EXIF mean nothing: two trainings, alike but for `lens_init_aperture`, a factor
     of four apart, learned apertures whose intervals don't meet."""
-    return {variant: said for variant in groups if (said := _starts(groups, variant)).startswith("undetermined")}
+    return {variant: said for variant, said in _starts(groups).items() if said.startswith("undetermined")}
 
 
 def _by_exif(groups: Groups, shown: Mapping[Variant, str]) -> Iterator[str]:
+    said = _starts(groups)
     for variant, runs in groups.items():
         found = exif_intervals(_estimates(runs))
         parts = [
@@ -108,12 +114,19 @@ def _by_exif(groups: Groups, shown: Mapping[Variant, str]) -> Iterator[str]:
             for low, high in [interval]
         ]
         if parts:
-            yield f"Apertures against EXIF, {shown[variant]}: {', '.join([*parts, _starts(groups, variant)])}."
+            yield f"Apertures against EXIF, {shown[variant]}: {', '.join([*parts, said[variant]])}."
 
 
-def _starts(groups: Groups, variant: Variant) -> str:
-    """What trainings from other starts say of this variant's apertures, in words."""
-    family = [runs for one, runs in groups.items() if one == variant or _family(runs) == _family(groups[variant])]
+def _starts(groups: Groups) -> dict[Variant, str]:
+    """Variant -> what trainings from other starts say of its apertures, in words."""
+    families: dict[str, list[Variant]] = {}
+    for variant, runs in groups.items():
+        families.setdefault(_family(runs), []).append(variant)
+    said = {family: _of_starts([groups[one] for one in members]) for family, members in families.items()}
+    return {variant: said[family] for family, members in families.items() for variant in members}
+
+
+def _of_starts(family: Sequence[Sequence[Entry]]) -> str:
     options = [(runs[0].spec.options, runs) for runs in family]
     starts = {one[START]: runs for one, runs in options if START in one and one.get(MEASURED, 1.0) >= 1.0}
     if not starts or max(starts) < APART * min(starts):

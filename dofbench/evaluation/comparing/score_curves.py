@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 import math
 import statistics
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -71,15 +70,17 @@ def joint_curve(curves: Sequence[Sequence[Point]], together: Callable[[Sequence[
         raise ValueError("joint curve: expected at least one point of each, found none")
     if len(curves) == 1:
         return tuple(curves[0])
-    moments = [[time for time, _ in curve] for curve in curves]
-    times = sorted({time for own in moments for time in own})
+    events = sorted((time, place) for place, curve in enumerate(curves) for time, _ in curve)
     points: list[Point] = []
-    shown = [0] * len(curves)  # how many scores of each the last point took in
-    for time in times:
-        scored = [bisect.bisect_right(own, time) for own in moments]
-        if time == times[-1] or all(now > before for now, before in zip(scored, shown, strict=True)):
+    scored = [0] * len(curves)
+    awaited = set(range(len(curves)))  # those that the last point has no new score of
+    for time, group in groupby(events, key=lambda event: event[0]):
+        for _, place in group:
+            scored[place] += 1
+            awaited.discard(place)
+        if not awaited or time == events[-1][0]:
             points.append((time, together([curve[count - 1][1] for curve, count in zip(curves, scored, strict=True)])))
-            shown = scored
+            awaited = set(range(len(curves)))
     return tuple(points)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -35,30 +36,30 @@ class Entry:
     added: Added | None = None
     choices: str | None = None
 
-    @property
+    @cached_property
     def scores(self) -> dict[str, float]:
         """Scores by column, measured by the run or added later."""
+        if self.result is None:
+            return {}
         later = {column: score.value for column, score in self.added.scores.items()} if self.added else {}
-        return {**later, **self.result.scores} if self.result else {}
+        return {**later, **self.result.scores} if later else self.result.scores
 
     @property
     def left_out(self) -> dict[str, str]:
         """Reasons for missing scores, by column."""
         return {**(self.added.left_out if self.added else {}), **self.result.left_out} if self.result else {}
 
-    @property
+    @cached_property
     def views(self) -> dict[str, dict[str, float]]:
         """Scores by test view and column, measured by the run or added later."""
         later = self.added.scores.items() if self.added else ()
-        return {
-            view.name: {
-                **{column: score.views[view.name] for column, score in later if view.name in score.views},
-                **view.scores,
-            }
-            for view in (self.result.views if self.result else ())
-        }
+        found = {}
+        for view in self.result.views if self.result else ():
+            more = {column: score.views[view.name] for column, score in later if view.name in score.views}
+            found[view.name] = {**more, **view.scores} if more else view.scores
+        return found
 
-    @property
+    @cached_property
     def preset(self) -> str:
         """The preset, followed by what the user changed: options, and the share of held-out pixels."""
         return " ".join([self.spec.preset, *option_words(self.changed)])
@@ -79,12 +80,12 @@ class Entry:
         """The source of the dataset's points and poses; None if unknown."""
         return points_of_plan(self.result.plan) if self.result else None
 
-    @property
+    @cached_property
     def board(self) -> tuple[str, str, str]:
         """(dataset, its checksum, protocol): only runs that share all three are compared in a table."""
         return self.spec.dataset, self.spec.dataset_checksum, self.spec.protocol
 
-    @property
+    @cached_property
     def variant(self) -> tuple[str, ...]:
         """The settings shared by runs of one configuration with different seeds or datasets."""
         spec = self.spec
@@ -134,6 +135,7 @@ def collect(*folders: Path) -> Collection:
             unreadable.append(str(error))
             entries.append(_entry(folder, result, None))
     running: list[Path] = []
+    finished = {entry.spec.key for entry in entries}
     for folder in dict.fromkeys(below for root in folders for below in begun_folders(root)):
         if at_work(folder):
             running.append(folder)
@@ -144,7 +146,8 @@ def collect(*folders: Path) -> Collection:
                 unreadable.append(str(error))
                 continue
             # Another machine may have finished this run since, or died in it too.
-            if dead is not None and dead.spec.key not in {entry.spec.key for entry in entries}:
+            if dead is not None and dead.spec.key not in finished:
+                finished.add(dead.spec.key)
                 entries.append(dead)
     if not entries and not unreadable:
         where = ", ".join(map(str, folders))
