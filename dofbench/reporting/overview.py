@@ -63,7 +63,7 @@ def verdicts(
 def _sure(column: str, sides: Sequence[tuple[Side, Side]], p: float | None) -> Cell:
     """How sure a lead is: the difference over the test views of both variants. p: of the pair, None if it wasn't tested
     in this column."""
-    compared = compare(sides, column)
+    compared = compare(sides, column, test=False)
     found = compared.difference
     if found is None:
         return Cell(f"not tested: {compared.reason}", "untested")

@@ -14,6 +14,7 @@ from markupsafe import Markup, escape
 from dofbench import __version__
 from dofbench.core.content import content_folder
 from dofbench.core.markdown_text import MARKUP, code, fenced, literal, running, visible
+from dofbench.reporting.html_cells import row_cells
 from dofbench.reporting.tables import one_line
 
 # What Markdown takes for an address and a title in the definition of a link.
@@ -68,6 +69,7 @@ def html_environment() -> Environment:
     """The environment of HTML pages: every text is escaped."""
     found = _environment()
     found.filters |= {"running": _running_html, "script_data": _script_data}
+    found.globals |= {"cells": row_cells}
     found.globals |= {"asset": lambda name: Markup((content_folder("reports/templates") / name).read_text("utf-8"))}
     return found
 

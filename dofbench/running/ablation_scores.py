@@ -8,7 +8,7 @@ from functools import cached_property
 
 from dofbench.core.evidence import ROLE_NOT_STATED
 from dofbench.evaluation.comparing.means import Statistic, scene_mean, seed_mean
-from dofbench.evaluation.comparing.paired import Compared, adjusted, compare, without_p
+from dofbench.evaluation.comparing.paired import Compared, adjusted, compare
 from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.run_spec import option_words
 from dofbench.running.ablation_plan import TablePlan
@@ -69,17 +69,18 @@ class Filled:
     def differences(self, column: str) -> dict[str, Compared]:
         """Row -> its difference from the reference row in a column, with p in the tested one, adjusted over the rows;
         empty without a reference."""
-        found = self._compared(column)
-        every = adjusted(list(found.values())) if column == self.tested else map(without_p, found.values())
-        return dict(zip(found, every, strict=True))
+        found = self._compared(column, test=column == self.tested)
+        return dict(zip(found, adjusted(list(found.values())), strict=True))
 
-    def _compared(self, column: str) -> dict[str, Compared]:
+    def _compared(self, column: str, *, test: bool = False) -> dict[str, Compared]:
         reference = self.plan.table.reference
         if reference is None:
             return {}
         return {
             row: compare(
-                [(self.runs(row, dataset), self.runs(reference, dataset)) for dataset in self.datasets], column
+                [(self.runs(row, dataset), self.runs(reference, dataset)) for dataset in self.datasets],
+                column,
+                test=test,
             )
             for row in self.rows
             if row != reference

@@ -98,11 +98,11 @@ class Compared:
         return "better" if up is known.higher_is_better else "worse"
 
 
-def compare(groups: Sequence[tuple[Side, Side]], column: str) -> Compared:
+def compare(groups: Sequence[tuple[Side, Side]], column: str, *, test: bool = True) -> Compared:
     """Compare two sides in a column, paired by view; for a cost, which has no views, by seed.
 
-    groups: both sides' seeds on each dataset. No difference unless every run ended well and has the score for the same
-    views.
+    groups: both sides' seeds on each dataset. test: whether to compute p, which takes most of the time. No difference
+    unless every run ended well and has the score for the same views.
     """
     pairs: list[Group] = []
     for one, other in groups:
@@ -110,7 +110,7 @@ def compare(groups: Sequence[tuple[Side, Side]], column: str) -> Compared:
         if isinstance(found, str):
             return Compared(column, None, found)
         pairs.append(found)
-    difference = grouped_difference(pairs)
+    difference = grouped_difference(pairs, test=test)
     if column in COST:
         difference = replace(difference, seeds=min(len(one) for one, _ in groups))
     return Compared(column, difference)
@@ -125,14 +125,9 @@ def adjusted(compared: Sequence[Compared]) -> list[Compared]:
     ]
 
 
-def without_p(compared: Compared) -> Compared:
-    """The comparison in a score in which the pair isn't tested."""
-    found = compared.difference
-    return compared if found is None else replace(compared, difference=replace(found, p=None))
-
-
-def grouped_difference(groups: Sequence[Group]) -> Difference:
-    """Compare paired values; every group (the views of a scene) has the same weight in the mean.
+def grouped_difference(groups: Sequence[Group], *, test: bool = True) -> Difference:
+    """Compare paired values; every group (the views of a scene) has the same weight in the mean; without p unless
+    `test`.
 
     groups: (values, reference), (S, n) and (T, n) arrays of S and T trainings on the same n units. Raises ValueError
     without any pair, or if the two sides have different units.
@@ -167,7 +162,7 @@ def grouped_difference(groups: Sequence[Group]) -> Difference:
         parts += [part for side in groups[0] if (part := _Part.of_seeds(side)) is not None]
     low, high, p = _by_t(found.mean, parts)
     found = replace(found, low=low, high=high)
-    if undecided(found.pairs, found.groups):
+    if not test or undecided(found.pairs, found.groups):
         return found
     return replace(found, p=sign_flip(units) if len(groups) == 1 else p)
 

@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dofbench.evaluation.comparing.paired import Compared, adjusted, compare, without_p
+from dofbench.evaluation.comparing.paired import Compared, adjusted, compare
 from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.columns import ALL_IN_FOCUS, DEPTH, LENS, PHOTOGRAPH, REFOCUS
 from dofbench.evaluation.results.protocol import arithmetic_mean
@@ -48,15 +48,10 @@ def pairwise(datasets: Sequence[Seeds], against: Collection[str] = ()) -> list[P
         rivals = {variant for variant in whole if datasets[0][variant][0].spec.method in against} | {whole[0]}
         pairs = [pair for pair in pairs if rivals & set(pair)]
     columns = (*REFOCUS, *ALL_IN_FOCUS, *PHOTOGRAPH, *LENS, *DEPTH)
-    raw = {
-        column: [compare([(seeds[one], seeds[other]) for seeds in datasets], column) for one, other in pairs]
-        for column in columns
-    }
-    tested = max(TESTED, key=lambda column: sum(one.difference is not None for one in raw[column]))
-    found = {
-        column: adjusted(every) if column == tested else [without_p(one) for one in every]
-        for column, every in raw.items()
-    }
+    sides = [[(seeds[one], seeds[other]) for seeds in datasets] for one, other in pairs]
+    found = {column: [compare(groups, column, test=False) for groups in sides] for column in columns}
+    tested = max(TESTED, key=lambda column: sum(one.difference is not None for one in found[column]))
+    found[tested] = adjusted([compare(groups, tested) for groups in sides])
     return [
         Pair(*pair, {column: every[place] for column, every in found.items()}, tested)
         for place, pair in enumerate(pairs)
