@@ -64,7 +64,8 @@ class Series:
 class Plot:
     """The plot of one score on one board, or of its mean over several. scene: "" for a mean. series: best last score
     first. levels: scores to reach; chosen: whether the user chose them. nothing: score of a lens predictor that learns
-    nothing. by_cpu: over processor time. in_files: the dataset in files where its name differs."""
+    nothing. by_cpu: over processor time. in_files: the dataset in files where its name differs. whole: number of series
+    before `best` took some."""
 
     board: tuple[str, ...]
     dataset: str
@@ -78,6 +79,16 @@ class Plot:
     nothing: float | None
     by_cpu: bool = False
     in_files: str = ""
+    whole: int = 0
+
+    def best(self, most: int) -> Plot:
+        """The plot with at most so many series: those on the front, then the best."""
+        if len(self.series) <= most:
+            return self
+        first = dict.fromkeys((*(point.series for point in self.front), *range(len(self.series))))
+        kept = {old: new for new, old in enumerate(sorted(list(first)[:most]))}
+        front = tuple(point._replace(series=kept[point.series]) for point in self.front if point.series in kept)
+        return replace(self, series=tuple(self.series[old] for old in kept), front=front, whole=len(self.series))
 
     @property
     def protocol(self) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from html import escape
 from typing import Protocol
+from urllib.parse import quote
 
 from markupsafe import Markup
 
@@ -42,6 +43,8 @@ def _gap(one: Cell, number: int) -> str:
 def _content(one: Cell, kind: str) -> str:
     test = one.test
     text = " ".join(f"<code>{escape(code)}</code>" for code in one.code) or escape(one.text)
+    if one.link:
+        text = f'<a href="{escape(quote(one.link))}/report.html">{text}</a>'
     if one.spread:
         text += f'<span class="spread"> ± {escape(one.spread)}</span>'
     if one.best:

@@ -101,17 +101,18 @@ LAYOUTS = (
 )
 
 
-def layout_sections(boards: Sequence[Board]) -> tuple[Section, ...]:
-    """One section for each layout and each kind of board that has scores for it; last, times and frame rates."""
+def layout_sections(boards: Sequence[Board], *, by_scene: bool = True) -> tuple[Section, ...]:
+    """One section for each layout and each kind of board that has scores for it; last, times and frame rates.
+    by_scene: whether the scenes of a mean have a table too."""
     sections = []
     for layout in LAYOUTS:
         for kind, members in grouped([board for board in boards if board.sharp is layout.sharp], "kind").items():
             if any(_has(members, variant, column) for variant in _variants(members) for column in layout.columns):
-                sections.append(_section(layout, kind, members))
+                sections.append(_section(layout, kind, members, by_scene))
     return (*sections, *(_time_section(kind, members) for kind, members in grouped(boards, "kind").items()))
 
 
-def _section(layout: Layout, kind: str, boards: Sequence[Board]) -> Section:
+def _section(layout: Layout, kind: str, boards: Sequence[Board], by_scene: bool) -> Section:
     figures, over, single = paper_figures().get(layout.id, NOTHING_PRINTED), _over(boards), len(boards) == 1
     lines = _lines(boards, layout.columns)
     of_scene = figures.of_scene(boards[0].scene) if single else {}
@@ -123,7 +124,7 @@ def _section(layout: Layout, kind: str, boards: Sequence[Board]) -> Section:
         tables.append(_mean_table(boards, lines, layout.columns, printed, figures, where, caption))
     else:
         text.append(f"No {over}: no row has a score on each of them.")
-    if not single:
+    if by_scene and not single:
         tables.append(_scene_table(layout, boards, figures))
     return Section(f"{layout.title}, {kind}", tuple(text), tuple(tables))
 
@@ -264,7 +265,8 @@ def _scene_table(layout: Layout, boards: Sequence[Board], figures: Figures) -> T
     for name, columns in absent.items():
         below += not_shown(columns, f"Not shown of {name}, as no row has it")
     below += _paper_note(figures, figures.data) if more else ()
-    return Table(f"{layout.title}: scene by scene", headings, (*rows, *more), below=tuple(below), theirs=len(more))
+    caption = f"{layout.title}: scene by scene"
+    return Table(caption, headings, (*rows, *more), below=tuple(below), theirs=len(more), rest="leaderboard.csv")
 
 
 def _silent(line: Line, shown: Sequence[str]) -> bool:

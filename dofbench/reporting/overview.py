@@ -84,17 +84,42 @@ def best_table(
     boards: Sequence[Board], pairs: Mapping[Variant, Sequence[Pair]], of_means: Mapping[str, Sequence[Pair]]
 ) -> Table:
     """The best row of the means over each kind's boards, and of every board. pairs, of_means: as in `build_view`."""
-    rows: list[tuple[Cell, ...]] = []
+    rows = (*_of_means(boards, of_means), *_of_boards(boards, pairs))
+    return _table("The best over scenes and of each dataset, by PSNR", rows)
+
+
+def mean_table(boards: Sequence[Board], of_means: Mapping[str, Sequence[Pair]]) -> Table:
+    """The best row of the means over each kind's boards."""
+    return _table("The best over scenes, by PSNR", tuple(_of_means(boards, of_means)))
+
+
+def scene_table(
+    boards: Sequence[Board], pairs: Mapping[Variant, Sequence[Pair]], links: Mapping[Variant, str]
+) -> Table:
+    """The best row of every board, whose name leads to its pages. links: board -> their folder."""
+    return _table("The best of each dataset, by PSNR", tuple(_of_boards(boards, pairs, links)))
+
+
+def _of_means(boards: Sequence[Board], of_means: Mapping[str, Sequence[Pair]]) -> Iterator[tuple[Cell, ...]]:
     for kind, scenes in grouped(boards, "kind").items():
         if len(scenes) > 1:
             means = mean_lines(scenes, [*(column for columns in HEADLINES for column in columns), *_COSTS])
             runs = [board.variants for board in scenes]
-            rows += _rows(f"mean over {len(scenes)} scenes", kind, means, runs, of_means[kind])
+            yield from _rows(f"mean over {len(scenes)} scenes", kind, means, runs, of_means[kind])
+
+
+def _of_boards(
+    boards: Sequence[Board], pairs: Mapping[Variant, Sequence[Pair]], links: Mapping[Variant, str] = {}
+) -> Iterator[tuple[Cell, ...]]:
     for board in boards:
         signs = united(line.signs for line in board.lines.values())
         nobody = cells(words(board.name, signs), board.kind, "none: every run failed, or none has a score")
         own = _rows(board.name, board.kind, board.lines, [board.variants], pairs[board.key])
-        rows += own or [(*nobody, *(Cell(""),) * 5)]
+        for first, *others in own or [(*nobody, *(Cell(""),) * 5)]:
+            yield (replace(first, link=links.get(board.key, "")), *others)
+
+
+def _table(caption: str, rows: tuple[tuple[Cell, ...], ...]) -> Table:
     headings = (
         *word_headings("dataset", "protocol", "best"),
         Heading("PSNR", note="refocused, all in focus, or of photographs", largest_first=True),
@@ -102,7 +127,7 @@ def best_table(
         Heading("by", largest_first=True),
         *word_headings("how sure", "at what cost"),
     )
-    return Table("The best over scenes and of each dataset, by PSNR", headings, tuple(rows))
+    return Table(caption, headings, rows, rest="leaderboard.csv")
 
 
 def _rows(
@@ -149,9 +174,11 @@ def headline(collection: Collection) -> str:
     return " · ".join(filter(None, (*counts, f"{duration(_trained(entries))} of training", " to ".join(dates))))
 
 
-def facts(collection: Collection, boards: Sequence[Board]) -> tuple[tuple[str, tuple[str, ...]], ...]:
+def facts(
+    collection: Collection, boards: Sequence[Board], most: int | None = None
+) -> tuple[tuple[str, tuple[str, ...]], ...]:
     """(term, lines) on what was run, on which datasets, how long it took, and what failed; terms without lines are
-    omitted."""
+    omitted. most: lines of a term, None for all."""
     entries, points = collection.entries, dict[str, list[str]]()
     for board in boards:
         points.setdefault(points_in_words(board.points), []).append(board.name)
@@ -178,7 +205,14 @@ def facts(collection: Collection, boards: Sequence[Board]) -> tuple[tuple[str, t
         "Machine": list(dict.fromkeys(map(machine_text, results))),
         "Code": list(dict.fromkeys(f"commit {commit_text(result)}" for result in results)),
     }
-    return tuple((term, tuple(lines)) for term, lines in found.items() if lines)
+    return tuple((term, _first(lines, most)) for term, lines in found.items() if lines)
+
+
+def _first(lines: Sequence[str], most: int | None) -> tuple[str, ...]:
+    """At most so many lines, the last of which counts the others."""
+    if most is None or len(lines) <= most:
+        return tuple(lines)
+    return (*lines[: most - 1], f"and {len(lines) - most + 1} more")
 
 
 def _method_words(method: str, entries: Sequence[Entry]) -> str:

@@ -51,7 +51,7 @@ def pair_sections(
         for pair in pairs
     )
     headings = (*word_headings("", "minus"), *score_headings(columns))
-    table = Table(f"{HEADING}: {caption}", headings, rows, names=2)
+    table = Table(f"{HEADING}: {caption}", headings, rows, names=2, rest="comparisons.csv")
     return (Section(HEADING, tuple(filter(None, said)), (table,)),)
 
 

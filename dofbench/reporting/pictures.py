@@ -21,6 +21,7 @@ from dofbench.datasets.format import layout
 from dofbench.datasets.format.dataset import Dataset
 from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.columns import COLUMNS
+from dofbench.evaluation.results.result import Result
 from dofbench.evaluation.scoring.evaluate import PREFIX, Kind
 from dofbench.reporting.boards import Board
 from dofbench.reporting.tables import one_line
@@ -36,6 +37,7 @@ TITLES: dict[Kind, str] = {
 NOT_THERE = "the picture isn't next to the result, or isn't the one that was scored"
 FILM = "film/film.mp4"  # in a result's folder, as `dofbench render RESULT --out RESULT/film` writes it
 PLACES = 3000  # of predictions in one page, above which it has fewer test views of each dataset
+ROWS = 100  # of a board that have pictures, the best ones
 _SHOWN = ("psnr", "ssim", "flip")
 
 
@@ -120,16 +122,19 @@ class BoardPictures:
 # ---- files ----
 
 
-def galleries(boards: Sequence[Board], refocus: int = 0) -> list[BoardPictures]:
+def galleries(boards: Sequence[Board], refocus: int | None = None) -> list[BoardPictures]:
     """The pictures of each board, by the first seed of each row whose run ended well. refocus: models to show refocus
-    frames of, from the first board and its best row on; missing frames are rendered."""
-    found, left = [], refocus
+    frames of, from the first board and its best row on, None for no frames; missing frames are rendered."""
+    found, left = [], refocus or 0
     for board in boards:
-        shown = sorted(_shown(board), key=lambda one: _quality(one[1]), reverse=True)
+        every = sorted(_with_predictions(board), key=lambda one: _quality(one[1]), reverse=True)
+        shown = [(name, entry, loaded(entry.folder, result)) for name, entry, result in every[:ROWS]]
         views = tuple(_views(board, shown)) if shown else ()
         trouble = "" if views else "the predictions aren't next to the results" if shown else "no run has predictions"
-        frames, omitted = _refocus(shown, left) if refocus else ((), ())
+        frames, omitted = ((), ()) if refocus is None else _refocus(shown, left)
         left -= len(frames)
+        if len(every) > len(shown):
+            omitted = (f"pictures are of the best {ROWS} of {len(every)} rows", *omitted)
         films = tuple(Moving(name, (run.folder / FILM,)) for name, _, run in shown if (run.folder / FILM).is_file())
         found.append(BoardPictures(board.title, views, trouble, frames, films, omitted))
     places = sum(len(kind.runs) for board in found for view in board.views for kind in view.kinds)
@@ -162,13 +167,13 @@ def _quality(entry: Entry) -> float:
     return next((entry.scores[one] for one in ("psnr", "photo_psnr", "across_psnr") if one in entry.scores), -math.inf)
 
 
-def _shown(board: Board) -> Iterator[tuple[str, Entry, LoadedRun]]:
-    """(name, entry, run) of each variant's first seed whose run ended well."""
+def _with_predictions(board: Board) -> Iterator[tuple[str, Entry, Result]]:
+    """(name, entry, result) of each variant's first seed whose run ended well."""
     for variant, seeds in board.variants.items():
         for entry in seeds:
             if entry.status is Status.OK and entry.result and entry.result.views:
                 line = board.lines[variant]
-                yield f"{line.name}, seed {entry.spec.seed}", entry, loaded(entry.folder, entry.result)
+                yield f"{line.name}, seed {entry.spec.seed}", entry, entry.result
                 break
 
 

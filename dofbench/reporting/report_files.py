@@ -1,4 +1,4 @@
-"""Writes the whole report: reads the results, draws figures, builds the page's data, and renders the templates."""
+"""Writes the whole report: reads the results, writes the CSV files, draws figures, and writes the pages."""
 
 from __future__ import annotations
 
@@ -10,36 +10,24 @@ from pathlib import Path
 from rich.console import Console
 
 from dofbench.core.errors import InputError
-from dofbench.core.evidence import ROLE_NOT_STATED
-from dofbench.core.files import write_csv, write_text
+from dofbench.core.files import write_csv
 from dofbench.core.progress import say
 from dofbench.evaluation.comparing.pairwise import pairwise
 from dofbench.evaluation.figures import file_name
-from dofbench.evaluation.results.collecting import Entry, added_columns, board_names, collect, grouped, variant_names
-from dofbench.evaluation.results.columns import FILE_SCORES, IDENTITY, PER_VIEW, STANDING
+from dofbench.evaluation.results.collecting import collect, variant_names
+from dofbench.reporting import csv_tables
 from dofbench.reporting.ablation import read_documents
-from dofbench.reporting.boards import gather, role_of
-from dofbench.reporting.curves import board_plots, mean_plots
+from dofbench.reporting.boards import Board, Variant, gather
+from dofbench.reporting.curves import Plot, board_plots, mean_plots
 from dofbench.reporting.draw import write_curves, write_strip
-from dofbench.reporting.installed import frozen_state, read_again
+from dofbench.reporting.installed import read_again
+from dofbench.reporting.pages import Content, datasets, write_by_scene, write_together
 from dofbench.reporting.pairs import comparison_rows, mean_pairs
-from dofbench.reporting.pictures import galleries, link
-from dofbench.reporting.render import html, markdown
+from dofbench.reporting.pictures import BoardPictures, galleries
 from dofbench.reporting.report_options import Report
 from dofbench.reporting.timing import curve_view, front_rows, reach_rows
-from dofbench.reporting.view import build_view, page_data
 
-Row = dict[str, object]
-
-PAGES = {"report": "Pictures and tables", "curves": "Error against time", "scores": "Every score", "runs": "Runs"}
-CURVE_COLUMNS = """method preset dataset protocol seed train_s steps psnr ssim aif_psnr aif_ssim delta_a delta_f delta_r
-    loss train_cpu_s photo_psnr photo_ssim across_psnr across_ssim role""".split()
-COMPARISON_COLUMNS = """dataset protocol method preset against_method against_preset column pairs seeds difference low
-    high p verdict reason role groups above below spread""".split()
-REACH_COLUMNS = """method preset dataset scene protocol seed score level reached_s not_before_s held status
-    role clock""".split()
-FRONT_COLUMNS = "dataset protocol score train_s value method preset role clock".split()
-TIMES_COLUMNS = "method preset dataset scene protocol seed within stage wall_s cpu_s role".split()
+MOST_CURVES = 100  # series of one plot
 
 
 @dataclass(frozen=True)
@@ -58,8 +46,9 @@ class Written:
 
 
 def write_report(settings: Report, console: Console | None = None) -> Written:
-    """Write leaderboard.csv, per_view.csv, curves.csv, comparisons.csv, reach.csv, pareto.csv, times.csv, curves/,
-    comparison/, leaderboard.md, the pages of `PAGES` and their pictures/.
+    """Write leaderboard.csv, per_view.csv, curves.csv, comparisons.csv, reach.csv, pareto.csv, times.csv, runs.csv,
+    curves/, leaderboard.md, the pages of `pages.PAGES` and their pictures/, and of a small report comparison/; of a
+    large one (`Report.page_runs`) a set of pages for each dataset in scenes/.
 
     The same results give the same files, byte for byte. A result that can't be read is skipped and named. Raises
     InputError when there is no result at all or none of a method to compare with, or no table in a folder of ablations.
@@ -82,133 +71,71 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
             raise InputError("--against", repr(method), f"methods with results here: {', '.join(there)}")
 
     boards, names = gather(entries), variant_names(entries)
-    order: list[tuple[str, ...]] = [entry.board for entry in entries]  # of the CSV files
-    plots = board_plots(sorted(boards, key=lambda board: order.index(board.key)), names, settings.levels)
+    order: dict[Variant, int] = {entry.board: number for number, entry in enumerate(entries)}  # of the CSV files
+    plots = board_plots(sorted(boards, key=lambda board: order[board.key]), names, settings.levels)
     means = mean_plots(boards, plots, settings.levels)
     pairs = {board.key: pairwise([board.variants], settings.rivals) for board in boards}
     of_means = mean_pairs(boards, settings.rivals)
-    tables: dict[str, tuple[Sequence[str], Iterator[Row]]] = {
-        "leaderboard": (run_columns(entries), run_rows(entries)),
-        "per_view": (view_columns(entries), view_rows(entries)),
-        "curves": (CURVE_COLUMNS, curve_rows(entries)),
-        "comparisons": (COMPARISON_COLUMNS, comparison_rows(boards, pairs, of_means, names)),
-        "reach": (REACH_COLUMNS, reach_rows(plots)),
-        "pareto": (FRONT_COLUMNS, front_rows((*plots, *means))),
-        "times": (TIMES_COLUMNS, time_rows(entries)),
+    tables: dict[str, tuple[Sequence[str], Iterator[csv_tables.Row]]] = {
+        **csv_tables.run_tables(entries),
+        "comparisons": (csv_tables.COMPARISON_COLUMNS, comparison_rows(boards, pairs, of_means, names)),
+        "reach": (csv_tables.REACH_COLUMNS, reach_rows(plots)),
+        "pareto": (csv_tables.FRONT_COLUMNS, front_rows((*plots, *means))),
     }
     files = [out / f"{name}.csv" for name in tables]
     for file, (columns, rows) in zip(files, tables.values(), strict=True):
         write_csv(file, columns, rows)
 
-    drawn = write_curves(out / "curves", (*means, *plots))
+    large = len(entries) > settings.page_runs and datasets(boards) > 1
+    shown, of_scenes = ([plot.best(MOST_CURVES) for plot in some] for some in (means, plots))
+    drawn = write_curves(out / "curves", shown if large else (*shown, *of_scenes))
     files += [file for paths in drawn.values() for file in paths]
-    pictures = []
-    if settings.pictures:
-        if settings.refocus:
-            tell(f"refocus frames, of up to {settings.refocus} models; missing ones are rendered")
-        pictures = galleries(boards, settings.refocus)
+
+    def picture(plot: Plot) -> str:
+        return _linked(drawn.get((plot.board, plot.column)))
+
+    if settings.pictures and settings.refocus:
+        tell(f"refocus frames, of up to {settings.refocus} models; missing ones are rendered")
+    content = Content(
+        collection,
+        boards,
+        names,
+        curves=[curve_view(plot, picture(plot)) for plot in of_scenes],
+        means=[curve_view(plot, picture(plot)) for plot in shown],
+        pairs=pairs,
+        of_means=of_means,
+        ablations=ablations,
+        most=settings.page_runs,
+    )
+    refocus = settings.refocus or None
+    if large:
+        tell(f"{len(entries)} runs, more than --page-runs: each dataset has pages of its own, and no drawn figures")
+        files += write_by_scene(out, content, pictures=settings.pictures, refocus=refocus)
+    else:
+        gallery = galleries(boards, refocus) if settings.pictures else []
+        strips = _strips(out, boards, gallery, tell)
+        files += strips.values()
+        files += write_together(out, content, gallery, {board: _linked([strip]) for board, strip in strips.items()})
+    tell(f"wrote {len(files)} files to {out}")
+    tell(f"open {files[-1]}")
+    return Written(tuple(files), collection.unreadable)
+
+
+def _strips(
+    out: Path, boards: Sequence[Board], gallery: Sequence[BoardPictures], tell: partial[None]
+) -> dict[Variant, Path]:
+    """Board -> the strip of its pictures, where there are some."""
     strips = {}
-    for board, shown in zip(boards, pictures, strict=False):
+    for board, shown in zip(boards, gallery, strict=False):
         strip = out / "comparison" / f"{file_name(board.name, board.protocol)}.png"
         trouble = write_strip(strip, shown)
         if trouble is None:
             strips[board.key] = strip
         else:
             tell(f"no pictures of {board.name}, {board.protocol}: {trouble}")
-    files += strips.values()
-    view = build_view(
-        collection,
-        boards,
-        curves=[curve_view(plot, _linked(drawn.get((plot.board, plot.column)))) for plot in plots],
-        mean_curves=[curve_view(plot, _linked(drawn.get((plot.board, plot.column)))) for plot in means],
-        pairs=pairs,
-        of_means=of_means,
-        strips={board: _linked([strip]) for board, strip in strips.items()},
-        gallery=pictures,
-        ablations=ablations,
-    )
-    files.append(out / "leaderboard.md")
-    write_text(files[-1], markdown("leaderboard", view=view))
-    linked = link((file for board in pictures for file in board.files), out / "pictures")
-    pages = {name: title for name, title in PAGES.items() if name != "curves" or view.curves}
-    for name in reversed(pages):
-        files.append(out / f"{name}.html")
-        write_text(files[-1], html(name, view=view, files=linked, pages=pages, **page_data(view)))
-    tell(f"wrote {len(files)} files to {out}")
-    tell(f"open {files[-1]}")
-    return Written(tuple(files), collection.unreadable)
+    return strips
 
 
 def _linked(files: Sequence[Path] | None) -> str:
     """The first file's place in the report's folder; "" without one."""
     return f"{files[0].parent.name}/{files[0].name}" if files else ""
-
-
-# ---- CSV files: every number of every run, without averages and unrounded ----
-
-
-def run_columns(entries: Sequence[Entry]) -> tuple[str, ...]:
-    """The columns of `run_rows`."""
-    return (*IDENTITY, *FILE_SCORES, *added_columns(entries), *STANDING)
-
-
-def run_rows(entries: Sequence[Entry]) -> Iterator[Row]:
-    """One row per run. A cell is empty when the run lacks the score; the pages give the reason."""
-    for entry, who in _identified(entries):
-        yield {**who, **entry.scores, "frozen": frozen_state(entry)}
-
-
-def view_columns(entries: Sequence[Entry]) -> tuple[str, ...]:
-    """The columns of `view_rows`."""
-    return (*PER_VIEW, *added_columns(entries), "role")
-
-
-def view_rows(entries: Sequence[Entry]) -> Iterator[Row]:
-    """One row for every test view (its scores) and every training view (its lens and the errors)."""
-    for entry, who in _identified(entries):
-        if entry.result is not None:
-            yield from ({**who, "view": view, "split": "test", **scores} for view, scores in entry.views.items())
-            for lens in entry.result.lens:
-                yield {**who, "split": "train", **lens.model_dump(exclude={"name"}), "view": lens.name}
-
-
-def curve_rows(entries: Sequence[Entry]) -> Iterator[Row]:
-    """One row for every moment of training that was scored."""
-    for entry, who in _identified(entries):
-        for point in entry.result.curve if entry.result else ():
-            times = {name: getattr(point, name) for name in ("train_s", "steps", "loss", "train_cpu_s")}
-            yield {**who, **point.scores, **times}
-
-
-def time_rows(entries: Sequence[Entry]) -> Iterator[Row]:
-    """One row for every stage of every run, and for every part of training that the method times itself (within
-    "train", wall time alone)."""
-    names = variant_names(tuple(entries))
-    for entry, who in _identified(entries):
-        if entry.result is not None:
-            who["preset"] = names[entry.variant][1]
-            for stage, time in entry.result.stages.items():
-                yield {**who, "stage": stage, "wall_s": time.wall, "cpu_s": time.cpu}
-            for stage, wall in entry.result.method_stages.items():
-                yield {**who, "within": "train", "stage": stage, "wall_s": wall}
-
-
-def _identified(entries: Sequence[Entry]) -> Iterator[tuple[Entry, Row]]:
-    """Each run with its identity columns. A dataset's name has its checksum if two datasets have the same name."""
-    boards = board_names(tuple(entries))
-    roles = {board: role_of(members) for board, members in grouped(tuple(entries), "board").items()}
-    for entry in entries:
-        yield (
-            entry,
-            {
-                "method": entry.spec.method,
-                "preset": entry.preset,
-                "dataset": boards[entry.board],
-                "scene": entry.scene,
-                "protocol": entry.spec.protocol,
-                "seed": entry.spec.seed,
-                "status": str(entry.status),
-                "role": roles[entry.board] or ROLE_NOT_STATED,
-                "photographer": entry.result.photographer if entry.result else None,
-            },
-        )

@@ -177,7 +177,13 @@ def run_table(entries: Sequence[Entry], boards: Sequence[Board]) -> tuple[Table,
         *word_headings("disabled stages", "enabled stages, and why", wide=True),
     )
     listed = tuple(f"Machine {count}: {described}" for described, count in machines.items())
-    return Table("How each run was made", headings, tuple(rows)), listed
+    return Table("How each run was made", headings, tuple(rows), rest="runs.csv"), listed
+
+
+def machine_lines(entries: Sequence[Entry]) -> tuple[str, ...]:
+    """The machines of these runs."""
+    found = dict.fromkeys(machine_text(entry.result) for entry in entries if entry.result is not None)
+    return tuple(f"Machine: {described}" for described in found)
 
 
 def stage_table(entries: Sequence[Entry], boards: Sequence[Board]) -> Table:
@@ -197,7 +203,7 @@ def stage_table(entries: Sequence[Entry], boards: Sequence[Board]) -> Table:
         shown = (Cell("not run", "number") if time is None else Cell(f"{time:.2f}", "number", time) for time in times)
         rows.append((*_names(entry, by_key[entry.board]), *shown))
     caption = "Wall seconds of the harness's stages, and of the method's own within training"
-    return Table(caption, headings, tuple(rows))
+    return Table(caption, headings, tuple(rows), rest="times.csv")
 
 
 def _names(entry: Entry, board: Board) -> tuple[Cell, ...]:

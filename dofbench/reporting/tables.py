@@ -45,7 +45,8 @@ class DifferenceTest:
 class Cell:
     """One cell. sort: sort key, None sorts last. spread: the number after ±. best: of its column. reason: of a gap or
     failure. code: shown as code instead of the text. unit: shown after the spread. below: second line in small print.
-    signs: those in the text, explained below the table (`boards.NOTES`).
+    signs: those in the text, explained below the table (`boards.NOTES`). link: the folder of a report's pages, to which
+    the text leads.
     """
 
     text: str
@@ -59,6 +60,7 @@ class Cell:
     below: str = ""
     test: DifferenceTest | None = None
     signs: str = ""
+    link: str = ""
 
     @property
     def long(self) -> bool:
@@ -91,7 +93,7 @@ class Heading:
 @dataclass(frozen=True)
 class Table:
     """A table. names: number of leading cells that name a row. below: lines below the table. theirs: number of rows at
-    the end that only the paper has."""
+    the end that only the paper has. rest: what has all rows, where a page shows the first of them."""
 
     caption: str
     headings: tuple[Heading, ...]
@@ -99,6 +101,15 @@ class Table:
     names: int = 1
     below: tuple[str, ...] = ()
     theirs: int = 0
+    rest: str = ""
+
+    def first(self, most: int) -> Table:
+        """The table with at most so many rows besides those that only the paper has; a line below says so."""
+        own = len(self.rows) - self.theirs
+        if own <= most:
+            return self
+        said = f"The first {most} of {own} rows{f'; `{self.rest}` has all' if self.rest else ''}."
+        return replace(self, rows=self.rows[:most] + self.rows[own:], below=(said, *self.below))
 
     def without_empty(self, *, wide: bool = True) -> Table:
         """The table without columns in which every cell is empty, and without wide columns unless `wide`."""
@@ -147,6 +158,11 @@ class Section:
     items: tuple[str, ...] = ()
     sections: tuple[Section, ...] = ()
     id: str = ""
+
+    def first(self, most: int) -> Section:
+        """The section with at most so many rows in each table (`Table.first`)."""
+        tables = tuple(table.first(most) for table in self.tables)
+        return replace(self, tables=tables, sections=tuple(section.first(most) for section in self.sections))
 
 
 # ---- cells ----
@@ -264,7 +280,8 @@ def score_table(
         if line.competes or any(line.cells[column].value is not None for column in shown)
     )
     headings = (*before.headings, *score_headings(shown, group), *after.headings)
-    return Table(caption, headings, (*rows, *more), below=(*not_shown(empty), *below), theirs=len(more))
+    below = (*not_shown(empty), *below)
+    return Table(caption, headings, (*rows, *more), below=below, theirs=len(more), rest="leaderboard.csv")
 
 
 def not_shown(empty: Mapping[str, str], said: str = "Not shown, as no row has it") -> tuple[str, ...]:

@@ -24,6 +24,11 @@ class CurveView:
     reach: Table | None
     front: Table | None
 
+    @property
+    def board(self) -> tuple[str, ...]:
+        """The key of the plot's board."""
+        return self.plot.board
+
 
 def curve_view(plot: Plot, picture: str) -> CurveView:
     """A plot with its tables: the Pareto front, and the times to reach its levels."""
@@ -67,7 +72,9 @@ def _reach_table(plot: Plot, title: str) -> Table:
         times = [Cell(reach_text(one), "number", one.median if math.isfinite(one.median) else None) for one in found]
         rows.append((words(series.name, series.signs), *times))
     first = Heading("time to reach", words=True)
-    return Table(f"{plot.clock.capitalize()} to reach a score: {title}", (first, *headings), tuple(rows))
+    caption = f"{plot.clock.capitalize()} to reach a score: {title}"
+    below = (f"{len(rows)} of {plot.whole} rows, the best; `reach.csv` has all.",) if plot.whole else ()
+    return Table(caption, (first, *headings), tuple(rows), below=below, rest="reach.csv")
 
 
 def reach_text(found: Reach) -> str:
@@ -93,7 +100,7 @@ def _front_table(plot: Plot, title: str) -> Table:
     texts = ("from", "to", "best", f"{plot.score.label} there", "until")
     headings = tuple(Heading(text, words=text == "best") for text in texts)
     caption = f"Pareto front of {title}: best method by {plot.clock}"
-    return Table(caption, headings, tuple(rows), names=0)
+    return Table(caption, headings, tuple(rows), names=0, rest="pareto.csv")
 
 
 def reach_rows(plots: Iterable[Plot]) -> Iterator[dict[str, object]]:
