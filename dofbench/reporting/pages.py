@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -83,11 +83,11 @@ def write_by_scene(out: Path, content: Content, *, pictures: bool, refocus: int 
             others=content.collection.entries,
             name=name,
         )
-        folder = f"{SCENES}/{file_name(name)}"
+        folder = _folder(boards[0], {scene.folder for scene in scenes.values()})
         files += _write(out / folder, view, PAGES, _FROM_A_SCENE)
         scene = Scene(name, folder, bool(view.curves))
         scenes |= {board.key: scene for board in boards}
-    link((), out / "pictures")  # those of an earlier, smaller report
+    link({}, out / "pictures")  # those of an earlier, smaller report
     _drop_scenes(out / SCENES, [scene.folder for scene in scenes.values()])
     view = build_overview(
         content.collection,
@@ -107,7 +107,8 @@ def _write(folder: Path, view: ReportView, titles: Mapping[str, str], up: str = 
     """Write a set of pages and their pictures. up: from the folder to that of the overview, "" without one above."""
     files = [folder / "leaderboard.md"]
     write_text(files[0], markdown("leaderboard", view=view, up=up))
-    linked = link((file for board in view.gallery for file in board.files), folder / "pictures")
+    digests = {file: digest for board in view.gallery for file, digest in board.files.items()}
+    linked = link(digests, folder / "pictures")
     pages = {name: title for name, title in titles.items() if name != "curves" or view.curves}
     data = page_data(view)
     for name in reversed(pages):
@@ -128,13 +129,19 @@ def datasets(boards: Sequence[Board]) -> int:
     return len(_by_dataset(boards))
 
 
+def _folder(board: Board, taken: Container[str]) -> str:
+    """The folder of a dataset's pages; its checksum is in it where another's name differs in a sign alone."""
+    names = (file_name(name) for name in (board.name, f"{board.name}@{board.key[1]}"))
+    return next(folder for name in names if (folder := f"{SCENES}/{name}") not in taken)
+
+
 def _drop_scenes(folder: Path, kept: Sequence[str]) -> None:
     """Remove the pages of datasets that an earlier report had, and nothing else."""
     names = {Path(one).name for one in kept}
     for old in [one for one in folder.iterdir() if one.name not in names] if folder.is_dir() else []:
         for page in ("leaderboard.md", *(f"{name}.html" for name in PAGES)):
             (old / page).unlink(missing_ok=True)
-        link((), old / "pictures")
+        link({}, old / "pictures")
         for place in (old / "pictures", old):
             if place.is_dir() and not any(place.iterdir()):
                 place.rmdir()

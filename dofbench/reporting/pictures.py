@@ -9,8 +9,8 @@ import math
 import os
 import re
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -21,7 +21,7 @@ from dofbench.datasets.format import layout
 from dofbench.datasets.format.dataset import Dataset
 from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.columns import COLUMNS
-from dofbench.evaluation.results.result import Result
+from dofbench.evaluation.results.result import PREDICTIONS_FOLDER, Result
 from dofbench.evaluation.scoring.evaluate import PREFIX, Kind
 from dofbench.reporting.boards import Board
 from dofbench.reporting.tables import one_line
@@ -44,7 +44,7 @@ _SHOWN = ("psnr", "ssim", "flip")
 @dataclass(frozen=True)
 class RunPictures:
     """The pictures of one run and view. picture, error, resolved: PNG files, or None. reason: why there is no picture.
-    scores: (heading, value) as shown."""
+    scores: (heading, value) as shown. digests: sha256 by file."""
 
     name: str
     picture: Path | None
@@ -52,6 +52,7 @@ class RunPictures:
     error: Path | None
     resolved: Path | None
     scores: tuple[tuple[str, str], ...]
+    digests: Mapping[Path, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -111,12 +112,15 @@ class BoardPictures:
     omitted: tuple[str, ...] = ()
 
     @property
-    def files(self) -> Iterator[Path]:
-        """Every file that the page shows."""
+    def files(self) -> dict[Path, str]:
+        """Every file that the page shows, with its sha256 where that is known, else an empty text."""
+        found: dict[Path, str] = {}
         for kind in (kind for view in self.views for kind in view.kinds):
-            of_runs = (file for run in kind.runs for file in (run.picture, run.error, run.resolved))
-            yield from filter(None, (kind.truth, *of_runs))
-        yield from (file for moving in (*self.refocus, *self.films) for file in moving.files)
+            if kind.truth is not None:
+                found[kind.truth] = ""
+            for run in kind.runs:
+                found |= run.digests
+        return found | {file: "" for moving in (*self.refocus, *self.films) for file in moving.files}
 
 
 # ---- files ----
@@ -215,11 +219,15 @@ def _truth(dataset: Dataset, kind: Kind, name: str) -> tuple[Path | None, str]:
 
 
 def _run(name: str, entry: Entry, run: LoadedRun, kind: Kind, view: str) -> RunPictures:
+    digests: dict[Path, str] = {}
+
     def file(folder: str) -> Path | None:
         try:
-            return run.prediction(folder, view)
+            found = run.prediction(folder, view)
         except InputError:
             return None
+        digests[found] = run.result.predictions[f"{PREDICTIONS_FOLDER}/{folder}/{view}.png"]
+        return found
 
     picture = file(kind)
     reason = "" if picture else entry.left_out.get(f"{PREFIX[kind]}psnr", NOT_THERE)
@@ -228,7 +236,7 @@ def _run(name: str, entry: Entry, run: LoadedRun, kind: Kind, view: str) -> RunP
     # The resolved map depends on the view alone, so it is shown only once, not next to the refocused prediction.
     resolved = file("resolved") if kind != "refocus" else None
     shown = tuple((column.heading, column.text(scores[column.id])) for column in columns)
-    return RunPictures(name, picture, reason, file(f"{kind}_error"), resolved, shown)
+    return RunPictures(name, picture, reason, file(f"{kind}_error"), resolved, shown, digests)
 
 
 # ---- in the report's folder ----
@@ -236,10 +244,11 @@ def _run(name: str, entry: Entry, run: LoadedRun, kind: Kind, view: str) -> RunP
 _LINKED = re.compile(r"[0-9a-f]{16}\.\w+")
 
 
-def link(files: Iterable[Path], folder: Path) -> dict[Path, str]:
+def link(files: Mapping[Path, str], folder: Path) -> dict[Path, str]:
     """Put the files into `folder` by names of their content; returns file -> FOLDER/NAME. They are hard links where the
-    file system has them, which take no space, else copies. Files of such names from before are removed."""
-    names = {file: f"{sha256_file(file)[:16]}{file.suffix}" for file in dict.fromkeys(files)}
+    file system has them, which take no space, else copies. Files of such names from before are removed. files: with
+    their sha256, or ""."""
+    names = {file: f"{(digest or sha256_file(file))[:16]}{file.suffix}" for file, digest in files.items()}
     for file, name in names.items():
         if not (folder / name).exists():
             with replacing(folder / name) as temporary:

@@ -21,7 +21,7 @@ from dofbench.reporting.pictures import BoardPictures
 from dofbench.reporting.tables import Section, Table
 from dofbench.reporting.timing import CurveView, curve_rules
 
-_FACTS = 20  # lines of a fact on an overview
+_FACTS = 20  # lines of a fact about many runs
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def build_view(
     return ReportView(
         headline=f"{name} · {headline}" if name else headline,
         best=overview.best_table(boards, pairs, of_means).first(most),
-        facts=overview.facts(collection, boards),
+        facts=overview.facts(collection, boards, _FACTS if len(entries) > most else None),
         boards=tuple(views),
         means=tuple(one.first(most) for one in sections.mean_sections(boards, columns, names, of_means)),
         mean_curves=tuple(mean_curves),
