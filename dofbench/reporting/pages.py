@@ -61,16 +61,15 @@ def write_together(
     return _write(out, view, PAGES)
 
 
-def write_by_scene(out: Path, content: Content, *, pictures: bool, refocus: int | None) -> list[Path]:
+def write_by_scene(out: Path, content: Content, *, pictures: bool, refocus: int) -> list[Path]:
     """Write an overview and, in `SCENES`, a set of pages for each dataset. pictures, refocus: whether to show pictures,
     and of how many models refocus frames (`galleries`). Returns their files, the overview's first page last."""
     files: list[Path] = []
     scenes: dict[tuple[str, ...], Scene] = {}
-    curves = grouped(content.curves, "board")
+    curves, spent = grouped(content.curves, "board"), 0
     for boards in _by_dataset(content.boards):
-        gallery = galleries(boards, refocus) if pictures else []
-        if refocus is not None:
-            refocus -= sum(len(one.refocus) for one in gallery)
+        gallery = galleries(boards, refocus, spent) if pictures else []
+        spent += sum(len(one.refocus) for one in gallery)
         name, entries = boards[0].name, tuple(entry for board in boards for entry in board.members)
         view = build_view(
             Collection(entries, (), (), ()),
@@ -87,7 +86,7 @@ def write_by_scene(out: Path, content: Content, *, pictures: bool, refocus: int 
         files += _write(out / folder, view, PAGES, _FROM_A_SCENE)
         scene = Scene(name, folder, bool(view.curves))
         scenes |= {board.key: scene for board in boards}
-    link({}, out / "pictures")  # those of an earlier, smaller report
+    link((), out / "pictures")  # those of an earlier, smaller report
     _drop_scenes(out / SCENES, [scene.folder for scene in scenes.values()])
     view = build_overview(
         content.collection,
@@ -107,8 +106,8 @@ def _write(folder: Path, view: ReportView, titles: Mapping[str, str], up: str = 
     """Write a set of pages and their pictures. up: from the folder to that of the overview, "" without one above."""
     files = [folder / "leaderboard.md"]
     write_text(files[0], markdown("leaderboard", view=view, up=up))
-    digests = {file: digest for board in view.gallery for file, digest in board.files.items()}
-    linked = link(digests, folder / "pictures")
+    known = {file: digest for board in view.gallery for file, digest in board.digests.items()}
+    linked = link((file for board in view.gallery for file in board.files), folder / "pictures", known)
     pages = {name: title for name, title in titles.items() if name != "curves" or view.curves}
     data = page_data(view)
     for name in reversed(pages):
@@ -141,7 +140,7 @@ def _drop_scenes(folder: Path, kept: Sequence[str]) -> None:
     for old in [one for one in folder.iterdir() if one.name not in names] if folder.is_dir() else []:
         for page in ("leaderboard.md", *(f"{name}.html" for name in PAGES)):
             (old / page).unlink(missing_ok=True)
-        link({}, old / "pictures")
+        link((), old / "pictures")
         for place in (old / "pictures", old):
             if place.is_dir() and not any(place.iterdir()):
                 place.rmdir()

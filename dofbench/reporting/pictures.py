@@ -9,7 +9,7 @@ import math
 import os
 import re
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -112,30 +112,33 @@ class BoardPictures:
     omitted: tuple[str, ...] = ()
 
     @property
-    def files(self) -> dict[Path, str]:
-        """Every file that the page shows, with its sha256 where that is known, else an empty text."""
-        found: dict[Path, str] = {}
+    def files(self) -> Iterator[Path]:
+        """Every file that the page shows."""
         for kind in (kind for view in self.views for kind in view.kinds):
-            if kind.truth is not None:
-                found[kind.truth] = ""
-            for run in kind.runs:
-                found |= run.digests
-        return found | {file: "" for moving in (*self.refocus, *self.films) for file in moving.files}
+            of_runs = (file for run in kind.runs for file in (run.picture, run.error, run.resolved))
+            yield from filter(None, (kind.truth, *of_runs))
+        yield from (file for moving in (*self.refocus, *self.films) for file in moving.files)
+
+    @property
+    def digests(self) -> dict[Path, str]:
+        """sha256 of those that are known by it."""
+        runs = (run for view in self.views for kind in view.kinds for run in kind.runs)
+        return {file: digest for run in runs for file, digest in run.digests.items()}
 
 
 # ---- files ----
 
 
-def galleries(boards: Sequence[Board], refocus: int | None = None) -> list[BoardPictures]:
+def galleries(boards: Sequence[Board], refocus: int = 0, spent: int = 0) -> list[BoardPictures]:
     """The pictures of each board, by the first seed of each row whose run ended well. refocus: models to show refocus
-    frames of, from the first board and its best row on, None for no frames; missing frames are rendered."""
-    found, left = [], refocus or 0
+    frames of, from the first board and its best row on; missing frames are rendered. spent: models of other pages."""
+    found, left = [], refocus - spent
     for board in boards:
         every = sorted(_with_predictions(board), key=lambda one: _quality(one[1]), reverse=True)
         shown = [(name, entry, loaded(entry.folder, result)) for name, entry, result in every[:ROWS]]
         views = tuple(_views(board, shown)) if shown else ()
         trouble = "" if views else "the predictions aren't next to the results" if shown else "no run has predictions"
-        frames, omitted = ((), ()) if refocus is None else _refocus(shown, left)
+        frames, omitted = _refocus(shown, left) if refocus else ((), ())
         left -= len(frames)
         if len(every) > len(shown):
             omitted = (f"pictures are of the best {ROWS} of {len(every)} rows", *omitted)
@@ -244,11 +247,11 @@ def _run(name: str, entry: Entry, run: LoadedRun, kind: Kind, view: str) -> RunP
 _LINKED = re.compile(r"[0-9a-f]{16}\.\w+")
 
 
-def link(files: Mapping[Path, str], folder: Path) -> dict[Path, str]:
+def link(files: Iterable[Path], folder: Path, digests: Mapping[Path, str] = {}) -> dict[Path, str]:
     """Put the files into `folder` by names of their content; returns file -> FOLDER/NAME. They are hard links where the
-    file system has them, which take no space, else copies. Files of such names from before are removed. files: with
-    their sha256, or ""."""
-    names = {file: f"{(digest or sha256_file(file))[:16]}{file.suffix}" for file, digest in files.items()}
+    file system has them, which take no space, else copies. Files of such names from before are removed. digests: sha256
+    of files that need not be read for it."""
+    names = {file: f"{(digests.get(file) or sha256_file(file))[:16]}{file.suffix}" for file in dict.fromkeys(files)}
     for file, name in names.items():
         if not (folder / name).exists():
             with replacing(folder / name) as temporary:

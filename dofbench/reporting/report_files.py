@@ -20,7 +20,7 @@ from dofbench.reporting.ablation import read_documents
 from dofbench.reporting.boards import Board, Variant, gather
 from dofbench.reporting.curves import Plot, board_plots, mean_plots
 from dofbench.reporting.draw import write_curves, write_strip
-from dofbench.reporting.installed import read_again
+from dofbench.reporting.installed import read_once
 from dofbench.reporting.pages import Content, datasets, write_by_scene, write_together
 from dofbench.reporting.pairs import comparison_rows, mean_pairs
 from dofbench.reporting.pictures import BoardPictures, galleries
@@ -45,6 +45,7 @@ class Written:
         return not self.unreadable
 
 
+@read_once()
 def write_report(settings: Report, console: Console | None = None) -> Written:
     """Write leaderboard.csv, per_view.csv, curves.csv, comparisons.csv, reach.csv, pareto.csv, times.csv, runs.csv,
     curves/, leaderboard.md, the pages of `pages.PAGES` and their pictures/, and of a small report comparison/; of a
@@ -53,7 +54,6 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
     The same results give the same files, byte for byte. A result that can't be read is skipped and named. Raises
     InputError when there is no result at all or none of a method to compare with, or no table in a folder of ablations.
     """
-    read_again()
     tell = partial(say, console or Console())
     collection, out = collect(settings.results, *settings.merge), settings.out
     ablations = read_documents(settings.ablation) if settings.ablation is not None else ()
@@ -107,12 +107,11 @@ def write_report(settings: Report, console: Console | None = None) -> Written:
         ablations=ablations,
         most=settings.page_runs,
     )
-    refocus = settings.refocus or None
     if large:
         tell(f"{len(entries)} runs, more than --page-runs: each dataset has pages of its own, and no drawn figures")
-        files += write_by_scene(out, content, pictures=settings.pictures, refocus=refocus)
+        files += write_by_scene(out, content, pictures=settings.pictures, refocus=settings.refocus)
     else:
-        gallery = galleries(boards, refocus) if settings.pictures else []
+        gallery = galleries(boards, settings.refocus) if settings.pictures else []
         strips = _strips(out, boards, gallery, tell)
         files += strips.values()
         files += write_together(out, content, gallery, {board: _linked([strip]) for board, strip in strips.items()})
