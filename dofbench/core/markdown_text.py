@@ -26,6 +26,8 @@ MARKUP = re.compile(r"`([^`]+)`|\*\*(?!\s)([^*]+)(?<!\s)\*\*|\*(?!\s)([^*]+)(?<!
 def visible(text: str) -> str:
     """One line, without control characters, which some programs obey, and without halves of surrogate pairs."""
     line = " ".join(text.split())
+    if line.isprintable():
+        return line
     return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in line)
 
 

@@ -7,10 +7,12 @@ import importlib.machinery
 import importlib.util
 import sys
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
@@ -22,6 +24,8 @@ from dofbench.core.readable import read_toml
 from dofbench.methods.stages.stage_deciders import DECIDERS, LENS_DECIDERS
 from dofbench.runtime.devices import KINDS, kind_of, resolve
 from dofbench.runtime.ops import require
+
+T = TypeVar("T")
 
 _PARTS = ("fit", "render", "lens_estimates", "describe", "save", "load")
 
@@ -255,11 +259,39 @@ def preset_budget(entry: MethodEntry, preset: str, options: dict[str, Any], budg
     return Budget(steps=steps)
 
 
+_kept: ContextVar[dict[Any, Any] | None] = ContextVar("kept", default=None)
+
+
+@contextmanager
+def read_once() -> Iterator[None]:
+    """Look for methods, and read each, once within the block: a report asks for them at every row."""
+    token = _kept.set({})
+    try:
+        yield
+    finally:
+        _kept.reset(token)
+
+
+def kept(key: object, read: Callable[[], T]) -> T:
+    """What `read` returns; within `read_once` what it returned first."""
+    known = _kept.get()
+    if known is None:
+        return read()
+    if key not in known:
+        known[key] = read()
+    found: T = known[key]
+    return found
+
+
 def method_files() -> dict[str, Path]:
     """The method.toml of every method in the searched folders, by id, sorted; none is read.
 
     Raises InputError for an id that is in two folders.
     """
+    return kept("files", _method_files)
+
+
+def _method_files() -> dict[str, Path]:
     found: dict[str, Path] = {}
     for root in method_folders():
         for file in sorted(root.glob("*/method.toml")):
@@ -277,7 +309,7 @@ def find_method(method_id: str) -> MethodEntry:
     files = method_files()
     if method_id not in files:
         raise unknown("method", method_id, files)
-    return _entry(files[method_id])
+    return kept(files[method_id], lambda: _entry(files[method_id]))
 
 
 def _entry(file: Path) -> MethodEntry:

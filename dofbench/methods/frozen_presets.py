@@ -21,7 +21,7 @@ from dofbench.core.contracts import ListsOptions
 from dofbench.core.errors import InputError
 from dofbench.core.files import canonical_json, sha256_text, write_text
 from dofbench.core.readable import read_toml
-from dofbench.methods.cards import MethodEntry, find_method, method_files, preset_budget
+from dofbench.methods.cards import MethodEntry, find_method, kept, method_files, preset_budget
 
 FROZEN_FILE = "frozen.toml"
 _HEADER = """\
@@ -125,6 +125,10 @@ def state_of(method: str, preset: str, choices: str | None, budget: str) -> Stat
 
 def standing(method: str, preset: str) -> PresetStanding:
     """Whether a preset is frozen, to ask of many results (`state_of`). Raises InputError for a damaged file."""
+    return kept(("standing", method, preset), lambda: _standing(method, preset))
+
+
+def _standing(method: str, preset: str) -> PresetStanding:
     files = method_files()
     found = frozen_presets(files[method].parent).get(preset) if method in files else None
     return PresetStanding(method, preset, None if found is None else found.digest)

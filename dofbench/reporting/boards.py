@@ -16,8 +16,8 @@ from dofbench.evaluation.comparing.score_curves import uneven_clocks
 from dofbench.evaluation.results.collecting import Entry, added_columns, board_names, grouped, variant_names
 from dofbench.evaluation.results.columns import COLUMNS, HELD_OUT, SCORES, lens_words
 from dofbench.evaluation.results.protocol import EXIF_COLUMNS, PROTOCOLS
-from dofbench.methods.frozen_presets import State
-from dofbench.reporting.installed import frozen_state, installed
+from dofbench.methods.cards import find_method, method_files
+from dofbench.methods.frozen_presets import State, state_of
 
 DO_NOTHING = "do nothing (Â = F̂ = 0.5)"
 DEVELOPMENT, NOT_FROZEN, CHANGED, OTHER_BUDGET, STAND_IN = "†", "‡", "§", "¶", "◊"
@@ -231,11 +231,15 @@ def role_of(members: Iterable[Entry]) -> Role | None:
     return next((entry.result.role for entry in members if entry.result and entry.result.role), None)
 
 
+def frozen_state(entry: Entry) -> State:
+    """Whether the run was made with a fixed preset."""
+    return state_of(entry.spec.method, entry.spec.preset, entry.choices, entry.spec.budget)
+
+
 def signs_of(role: Role | None, entries: Sequence[Entry]) -> str:
     """The signs of a row with these runs on a scene of this role; the preset counts on test scenes alone."""
     spec = entries[0].spec  # a row's runs share method and options
-    method = installed(spec.method)
-    replaced = method is not None and bool(method.replaced_parts(spec.options))
+    replaced = spec.method in method_files() and bool(find_method(spec.method).replaced_parts(spec.options))
     states = (_SIGN_OF_STATE[frozen_state(entry)] for entry in entries) if role == "report" else ()
     return united([DEVELOPMENT * (role == "development"), *states, STAND_IN * replaced])
 

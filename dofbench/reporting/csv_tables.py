@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 from dofbench.core.evidence import ROLE_NOT_STATED
 from dofbench.evaluation.results.collecting import Entry, added_columns, board_names, grouped, variant_names
 from dofbench.evaluation.results.columns import FILE_SCORES, IDENTITY, PER_VIEW, STANDING
-from dofbench.reporting.boards import role_of
-from dofbench.reporting.installed import frozen_state
+from dofbench.reporting.boards import frozen_state, role_of
 from dofbench.reporting.sections import commit_text, machine_text
 
 Row = dict[str, object]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from dofbench.evaluation.comparing.means import scene_mean
 from dofbench.evaluation.results.collecting import grouped
 from dofbench.evaluation.results.columns import COLUMNS, COST, HELD_OUT_SCORES
+from dofbench.methods.cards import find_method, method_files
 from dofbench.reporting.boards import (
     Board,
     Line,
@@ -18,7 +19,6 @@ from dofbench.reporting.boards import (
     mean_lines,
     united,
 )
-from dofbench.reporting.installed import installed
 from dofbench.reporting.paper import NOTHING_PRINTED, Figures, paper_figures, ssim_note
 from dofbench.reporting.tables import (
     NAMES,
@@ -307,5 +307,4 @@ def _sorted(lines: list[Line], shown: Sequence[str]) -> list[Line]:
 
 def _card_name(method: str) -> str:
     """The method's name by its card; its id if the method isn't installed here."""
-    found = installed(method)
-    return method if found is None else found.card.name
+    return find_method(method).card.name if method in method_files() else method

@@ -14,8 +14,8 @@ from dofbench.evaluation.comparing.pairwise import Pair
 from dofbench.evaluation.comparing.photograph_notes import no_ranking
 from dofbench.evaluation.results.collecting import Collection, Entry, grouped
 from dofbench.evaluation.results.columns import COLUMNS
+from dofbench.methods.cards import find_method, method_files
 from dofbench.reporting.boards import Board, Line, Variant, mean_lines, united
-from dofbench.reporting.installed import installed
 from dofbench.reporting.sections import commit_text, machine_text
 from dofbench.reporting.tables import Cell, Heading, Table, cells, difference, number, score, word_headings, words
 
@@ -218,8 +218,7 @@ def _first(lines: Sequence[str], most: int | None) -> tuple[str, ...]:
 def _method_words(method: str, entries: Sequence[Entry]) -> str:
     presets = list(dict.fromkeys(entry.preset for entry in entries if entry.spec.method == method))
     shown = ", ".join(presets[:4]) + (f" and {len(presets) - 4} more" if len(presets) > 4 else "")
-    found = installed(method)
-    about = "" if found is None else f": {found.card.summary}"
+    about = f": {find_method(method).card.summary}" if method in method_files() else ""
     return f"{method} ({_count(len(presets), 'preset')}: {shown}){about}"
 
 

@@ -223,8 +223,11 @@ def _truth(dataset: Dataset, kind: Kind, name: str) -> tuple[Path | None, str]:
 
 def _run(name: str, entry: Entry, run: LoadedRun, kind: Kind, view: str) -> RunPictures:
     digests: dict[Path, str] = {}
+    there = (run.folder / PREDICTIONS_FOLDER).is_dir()  # asked once: a hundred thousand files may not be there
 
     def file(folder: str) -> Path | None:
+        if not there:
+            return None
         try:
             found = run.prediction(folder, view)
         except InputError:

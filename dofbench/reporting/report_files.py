@@ -15,12 +15,12 @@ from dofbench.core.progress import say
 from dofbench.evaluation.comparing.pairwise import pairwise
 from dofbench.evaluation.figures import file_name
 from dofbench.evaluation.results.collecting import collect, variant_names
+from dofbench.methods.cards import read_once
 from dofbench.reporting import csv_tables
 from dofbench.reporting.ablation import read_documents
 from dofbench.reporting.boards import Board, Variant, gather
 from dofbench.reporting.curves import Plot, board_plots, mean_plots
 from dofbench.reporting.draw import write_curves, write_strip
-from dofbench.reporting.installed import read_once
 from dofbench.reporting.pages import Content, datasets, write_by_scene, write_together
 from dofbench.reporting.pairs import comparison_rows, mean_pairs
 from dofbench.reporting.pictures import BoardPictures, galleries

@@ -15,8 +15,8 @@ from dofbench.evaluation.results.collecting import Entry, grouped
 from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.evaluation.results.protocol import AIF_PREFIX, arithmetic_mean
 from dofbench.evaluation.results.result import Result
+from dofbench.methods.cards import find_method, method_files
 from dofbench.reporting.boards import Board, Line, Names, mean_lines, sorted_lines
-from dofbench.reporting.installed import installed
 from dofbench.reporting.pairs import pair_sections
 from dofbench.reporting.paper import ssim_note
 from dofbench.reporting.tables import (
@@ -116,8 +116,9 @@ def _asked_lines(whole: Line, seeds: Sequence[Entry]) -> list[Line]:
 
 def claims_section(entries: Sequence[Entry]) -> Section | None:
     """The figures that authors published for their methods, apart because data and metrics differ from ours."""
-    used = {method: installed(method) for method in sorted({entry.spec.method for entry in entries})}
-    claims = {method: found.card.claims for method, found in used.items() if found and found.card.claims}
+    installed = method_files()
+    used = sorted({entry.spec.method for entry in entries} & installed.keys())
+    claims = {method: claim for method in used if (claim := find_method(method).card.claims) is not None}
     if not claims:
         return None
     columns = list(dict.fromkeys(column for claim in claims.values() for row in claim.rows.values() for column in row))
