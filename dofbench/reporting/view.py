@@ -18,10 +18,11 @@ from dofbench.reporting.boards import Board, Names, score_columns
 from dofbench.reporting.curves import Plot, Series
 from dofbench.reporting.pairs import HEADING, TESTED
 from dofbench.reporting.pictures import BoardPictures
+from dofbench.reporting.scene_tables import scene_scores
 from dofbench.reporting.tables import Section, Table
 from dofbench.reporting.timing import CurveView, curve_rules
 
-_FACTS = 20  # lines of a fact about many runs
+_FACTS = 8  # lines of a fact about many runs
 
 
 @dataclass(frozen=True)
@@ -50,8 +51,8 @@ class ReportView:
     every score, by dataset and as means over scenes, with their curves. layouts: tables as the paper lays them out.
     explanations: how differences are tested, published figures; columns: explanations of the scores. added: scores that
     were computed after the runs. runs, machines, stages: how each run was made, None on an overview. gallery: pictures
-    of the test views. name: of the dataset that the pages are about, "" for all. scenes, of_scenes: on an overview, the
-    datasets with pages of their own, and a table of the best of each.
+    of the test views. name: of the dataset that the pages are about, "" for all. scenes, by_scene: on an overview, the
+    datasets with pages of their own, and tables with a row for each.
     """
 
     headline: str
@@ -73,7 +74,7 @@ class ReportView:
     ablations: Sequence[Section] = ()
     name: str = ""
     scenes: tuple[Scene, ...] = ()
-    of_scenes: Table | None = None
+    by_scene: tuple[Table, ...] = ()
 
     @property
     def curves(self) -> tuple[CurveView, ...]:
@@ -154,6 +155,7 @@ def build_overview(
     means = tuple(one.first(most) for one in sections.mean_sections(boards, columns, names, of_means))
     compared = any(one.title == HEADING for section in means for one in section.sections)
     links = {board: scene.folder for board, scene in scenes.items()}
+    best = overview.scene_table(boards, pairs, links)
     return ReportView(
         headline=overview.headline(collection),
         best=overview.mean_table(boards, of_means),
@@ -171,8 +173,8 @@ def build_overview(
         stages=None,
         unreadable=collection.unreadable,
         ablations=ablations,
-        scenes=tuple(dict.fromkeys(scenes.values())),
-        of_scenes=overview.scene_table(boards, pairs, links).first(most),
+        scenes=tuple(sorted(set(scenes.values()), key=lambda scene: scene.name)),
+        by_scene=tuple(table.first(most) for table in (*scene_scores(boards, links), best)),
     )
 
 
