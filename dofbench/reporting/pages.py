@@ -137,7 +137,7 @@ def _folder(board: Board, taken: Container[str]) -> str:
 def _drop_scenes(folder: Path, kept: Sequence[str]) -> None:
     """Remove the pages of datasets that an earlier report had, and nothing else."""
     names = {Path(one).name for one in kept}
-    for old in [one for one in folder.iterdir() if one.name not in names] if folder.is_dir() else []:
+    for old in [one for one in folder.glob("*/") if one.name not in names]:
         for page in ("leaderboard.md", *(f"{name}.html" for name in PAGES)):
             (old / page).unlink(missing_ok=True)
         link((), old / "pictures")

@@ -10,7 +10,7 @@ from fake_method import METHOD_TOML, write_method
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError
-from dofbench.methods.cards import find_method, method_files
+from dofbench.methods.cards import find_method, method_files, read_once
 
 
 @pytest.fixture
@@ -28,6 +28,17 @@ def test_the_shipped_methods_describe_themselves() -> None:
     for entry in methods.values():
         for name in entry.card.presets:
             entry.preset(name)
+
+
+def test_a_card_is_read_once_within_a_block_alone(folder: Path) -> None:
+    file = folder / "method.toml"
+    with read_once():
+        before = find_method("fake").card.summary
+        file.write_text(file.read_text().replace(before, "Another summary"))
+        assert find_method("fake").card.summary == before != "Another summary"
+    assert find_method("fake").card.summary == "Another summary"
+    with read_once():
+        assert find_method("fake").card.summary == "Another summary"
 
 
 def test_relative_imports_work(folder: Path) -> None:

@@ -68,10 +68,11 @@ def test_pages_of_a_thousand_results_are_small_and_open_at_once(
     assert copies(run, tmp_path / "data", tmp_path / "many") > 1000
     (tmp_path / "many" / "results").rename(tmp_path / "results" / "many")
     _, out, _ = made()
-    pages = sorted(out.glob("*.html"))
-    assert len(pages) == 4 and {page.name: page.stat().st_size for page in pages if page.stat().st_size > LARGEST} == {}
+    pages = sorted(out.rglob("*.html"))
+    assert len(pages) == 4 * (1 + SCENES)
+    assert {page.name: page.stat().st_size for page in pages if page.stat().st_size > LARGEST} == {}
     assert f"{SCENES * VARIANTS * SEEDS} runs" in (out / "report.html").read_text()
-    for page in pages:
+    for page in (*out.glob("*.html"), *(out / "scenes" / "scene00").glob("*.html")):
         assert opened_in(page) < LONGEST, page.name
 
 

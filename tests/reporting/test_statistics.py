@@ -245,6 +245,25 @@ def test_scores_are_paired_by_view_with_the_seeds_averaged() -> None:
     assert found.difference.mean == pytest.approx((1 + 3) / 2)
 
 
+@pytest.mark.parametrize("views", [8, 20])  # all signs, and random ones
+@pytest.mark.parametrize("scenes", [1, 3])
+def test_without_the_test_everything_but_p_is_the_same(views: int, scenes: int) -> None:
+    random = np.random.default_rng(0)
+    groups = [(random.normal(1.0, 1.0, (2, views)), random.normal(0.0, 1.0, (3, views))) for _ in range(scenes)]
+    tested, untested = grouped_difference(groups), grouped_difference(groups, test=False)
+    assert tested.p is not None and untested == replace(tested, p=None)
+
+
+def test_the_interval_is_students() -> None:
+    """Of one group and of several, against scipy's own."""
+    values = np.random.default_rng(1).normal(0.3, 1.0, (3, 9))
+    one = grouped_difference([(values[:1], np.zeros((1, 9)))])
+    low, high = stats.t.interval(0.95, 8, values[0].mean(), stats.sem(values[0]))
+    assert (one.low, one.high) == pytest.approx((low, high), rel=1e-12)
+    several = grouped_difference([(row[None], np.zeros((1, 9))) for row in values])
+    assert several.p == pytest.approx(stats.ttest_1samp(values.mean(axis=1), 0.0).pvalue, rel=1e-12)
+
+
 def test_costs_are_paired_by_seed() -> None:
     """100, 110, 120 against 80, 81, 82: three pairs, of three seeds."""
     third = entry("b", 0, {"v0": 30.0, "v1": 30.0}, 80.0)
