@@ -212,7 +212,7 @@ def _first(lines: Sequence[str], most: int | None) -> tuple[str, ...]:
     """At most so many lines, the last of which counts the others."""
     if most is None or len(lines) <= most:
         return tuple(lines)
-    return (*lines[: most - 1], f"and {len(lines) - most + 1} more")
+    return (*lines[: most - 1], f"and {len(lines) - most + 1} more: runs.csv has every run")
 
 
 def _method_words(method: str, entries: Sequence[Entry]) -> str:

@@ -32,11 +32,11 @@ class Report:
     """Folder of tables written by `dofbench ablate`, to show in report.html."""
     merge: tuple[Path, ...] = ()
     """Further folders of results, from other machines. A run that is in several counts once."""
-    page_runs: Annotated[int, Field(ge=1)] = 500
-    """Runs that one set of pages shows; of more, every dataset has pages of its own, in scenes/."""
     refocus: Annotated[int, Field(ge=0)] = 24
     """Models to show at several focus distances. The frames are rendered once and kept next to the result; 0 renders
     none."""
+    page_runs: Annotated[int, Field(ge=1)] = 500
+    """Runs that one set of pages shows; of more, every dataset has pages of its own, in scenes/."""
 
     def __post_init__(self) -> None:
         self.levels  # noqa: B018 - raises InputError for a wrong level before any result is read
