@@ -119,15 +119,16 @@ def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, ob
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(columns)
-    for row in rows:
-        writer.writerow([_csv_cell(row.get(column)) for column in columns])
+    for row in rows:  # mostly of texts and gaps, where there are many
+        values = map(row.get, columns)
+        writer.writerow([value if value is None or value.__class__ is str else _csv_cell(value) for value in values])
     write_text(path, stream.getvalue())
 
 
 def _csv_cell(value: object) -> object:
     if isinstance(value, float):
         return int(value) if value.is_integer() and abs(value) < 1e15 else f"{value:.8g}"
-    return "" if value is None else value
+    return value
 
 
 def sha256_text(text: str) -> str:

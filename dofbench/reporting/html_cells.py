@@ -1,4 +1,4 @@
-"""The cells of a row in HTML. Large reports have a million of them, and a template's macro takes ten times as long."""
+"""The cells of a row in HTML. Large reports have hundreds of thousands, which a template's macro is slow at."""
 
 from __future__ import annotations
 
