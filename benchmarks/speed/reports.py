@@ -1,7 +1,7 @@
 """How `dofbench report` grows with the number of results: time, memory, sizes of pages, and how fast they open.
 
     tar xf reports/boards/results/attic-quick.tar.xz -C RESULTS
-    python -m benchmarks.speed.reports RESULTS --out reports/speed
+    python -m benchmarks.speed.reports RESULTS --out FOLDER
 
 Results are copies of those in RESULTS with changed scenes, options, seeds and scores. `--shape scenes`: 16 rows, five
 seeds, and as many scenes as it takes; `rows`: four scenes, two seeds, and as many rows. One in 250 runs failed. There
