@@ -1,8 +1,16 @@
-"""Compiled kernels on disk, recompiled when any source that they were compiled from changes."""
+"""Compiled kernels on disk, recompiled when any source that they were compiled from changes.
+
+Each function has one file for each combination of argument types, processor and sources, whose name holds a digest of
+these. A file is written under a temporary name and renamed, so processes may compile the same function at once. The
+folder is numba's: `NUMBA_CACHE_DIR`, else `__pycache__` next to the source, else `~/.cache/numba`. Where the first of
+these that applies can't be written, as in the image of a container, code is read there and new code stored in the next.
+"""
 
 from __future__ import annotations
 
+import os
 import pickle
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -10,8 +18,12 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Protocol
 
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+import numba
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator, UserProvidedCacheLocator
+from numba.core.serialize import dumps
 
+from dofbench.core.errors import InputError
+from dofbench.core.files import replacing
 from dofbench.core.source_digest import PACKAGE, source_digest
 from dofbench.runtime.backend import Backend
 
@@ -23,70 +35,101 @@ class Dispatcher(Protocol):
 
     py_func: Callable[..., object]
     _cache: object
+    targetctx: Any
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
         """Run it on arguments of any types, compiled for these."""
 
 
-class _CheckedFiles(IndexDataCacheFile):
-    """Numba's index and data files, each behind the sha256 of its content: a damaged one is as good as none.
+class _FirstChoice:
+    """The last of numba's places: the first one, which can't be written."""
 
-    One flipped bit in an index ends the program with an exception of any kind, and one in machine code without any.
+    @staticmethod
+    def from_function(function: Callable[..., object], file: str) -> Any:
+        kind = UserProvidedCacheLocator if numba.config.CACHE_DIR else InTreeCacheLocator
+        return kind(function, file)
+
+
+class _Place(CompileResultCacheImpl):
+    """Where a function's code is, and how its files are called: without the line's number, which the digest implies."""
+
+    _locator_classes = (*CompileResultCacheImpl._locator_classes, _FirstChoice)
+
+    def get_filename_base(self, fullname: str, abiflags: str) -> str:
+        major, minor, *_ = sys.version_info
+        return f"{fullname.replace('<', '').replace('>', '')}.py{major}{minor}{abiflags}"
+
+
+class _Files:
+    """The files of one function.
+
+    folders: read in this order; the first is also written. base: how the names of all files begin. stamp: digest of
+    sources and version, without which a file is stale. A content follows its sha256: one flipped bit in machine code
+    would go unnoticed.
     """
 
-    def _dump(self, obj: object) -> bytes:
-        content: bytes = super()._dump(obj)
-        return sha256(content).digest() + content
+    def __init__(self, folders: tuple[Path, ...], base: str, stamp: str) -> None:
+        self._folders, self._base, self._stamp = folders, base, stamp
 
-    def _load_index(self) -> dict[Any, str]:
-        try:
-            with Path(self._index_path).open("rb") as stream:
-                if pickle.load(stream) != self._version:
-                    return {}
-                stamp, overloads = _checked(stream.read())
-        except Exception:  # a damaged pickle raises anything; a folder that can't be read is none
-            return {}
-        return overloads if stamp == self._source_stamp else {}
+    def _prefix(self, processor: object) -> str:
+        return f"{self._base}.{self._stamp}.{_digest(processor, 8)}."
 
-    def _load_data(self, name: str) -> Any:
-        try:
-            return _checked(Path(self._data_path(name)).read_bytes())
-        except Exception as error:
-            raise OSError(str(error)) from None  # on which numba compiles
+    def _name(self, key: tuple[Any, ...]) -> str:
+        types, processor, code = key
+        return f"{self._prefix(processor)}{_digest((types, code), 16)}.nbc"
+
+    def load(self, key: tuple[Any, ...]) -> Any:
+        for folder in self._folders:
+            with suppress(Exception):  # a damaged pickle raises anything
+                content = (folder / self._name(key)).read_bytes()
+                if sha256(content[32:]).digest() == content[:32]:
+                    return pickle.loads(content[32:])
+        return None
+
+    def save(self, key: tuple[Any, ...], data: object) -> None:
+        content: bytes = dumps(data)
+        folder = self._folders[0]
+        with replacing(folder / self._name(key)) as temporary:
+            temporary.write_bytes(sha256(content).digest() + content)
+        for file in folder.glob(f"{self._base}.*"):
+            if not file.name.startswith(f"{self._base}.{self._stamp}."):
+                file.unlink(missing_ok=True)
+
+    def any_for(self, processor: object) -> bool:
+        """Whether there is code for this processor, whatever the types of the arguments."""
+        return any(True for folder in self._folders for _ in folder.glob(f"{self._prefix(processor)}*.nbc"))
 
 
-def _checked(content: bytes) -> Any:
-    digest, content = content[:32], content[32:]
-    if sha256(content).digest() != digest:
-        raise ValueError("damaged")
-    return pickle.loads(content)
+def _digest(content: object, digits: int) -> str:
+    return sha256(repr(content).encode()).hexdigest()[:digits]
 
 
 class _SourceCache(FunctionCache):
-    """Numba's cache, whose keys also hold a digest of the sources. What can't be read or written is compiled anew."""
+    """Numba's cache over `_Files`. What can't be read or written is compiled anew."""
 
+    _impl_class = _Place
+    _impl: Any
+    _cache_path: str
     _cache_file: Any
 
-    def __init__(self, py_func: Callable[..., object], digest: str) -> None:
-        super().__init__(py_func)
-        self._digest, files = digest, self._cache_file
-        base = Path(files._index_path).name.removesuffix(".nbi")
-        self._cache_file = _CheckedFiles(self._cache_path, base, files._source_stamp)
+    def __init__(self, function: Callable[..., object], digest: str) -> None:
+        super().__init__(function)
+        first = _FirstChoice.from_function(function, function.__code__.co_filename).get_cache_path()
+        folders = tuple(Path(folder) for folder in dict.fromkeys((self._cache_path, first)))
+        self._cache_file = _Files(folders, self._impl.filename_base, _digest((digest, numba.__version__), 12))
+        self.writable = os.access(self._cache_path, os.W_OK)
 
     def load_overload(self, sig: object, target_context: object) -> Any:
         try:
             return super().load_overload(sig, target_context)
-        except Exception:  # whole, but of another machine or version of a library
+        except Exception:  # whole, but of another version of a library
             return None
 
     def save_overload(self, sig: object, data: object) -> None:
         global _compiled
         _compiled += 1
-        with suppress(OSError):  # a full disk, or a folder that became read-only
+        with suppress(OSError, InputError):  # a full disk, or a folder that became read-only, or has the file's name
             super().save_overload(sig, data)
-
-    def _index_key(self, sig: object, codegen: object) -> tuple[object, ...]:
-        return (*super()._index_key(sig, codegen), self._digest)
 
 
 def cached(dispatcher: Dispatcher) -> Dispatcher:
@@ -96,10 +139,8 @@ def cached(dispatcher: Dispatcher) -> Dispatcher:
     that the function calls into or takes constants from. Here a function is recompiled when any source changes in its
     own folder or in the packages `compute` and `core`. Without a writable cache folder it is compiled in every process.
     """
-    with suppress(RuntimeError, OSError):  # raised by numba when it finds no writable folder
-        dispatcher._cache = _SourceCache(
-            dispatcher.py_func, _code(Path(dispatcher.py_func.__code__.co_filename).parent)
-        )
+    code = _code(Path(dispatcher.py_func.__code__.co_filename).parent)
+    dispatcher._cache = _SourceCache(dispatcher.py_func, code)
     return dispatcher
 
 
@@ -114,14 +155,13 @@ def compiled() -> int:
 
 
 def is_compiled(dispatcher: Dispatcher) -> bool:
-    """Whether machine code of a `cached` function, compiled from the present sources, is on disk for any types.
+    """Whether a `cached` function is on disk, compiled for this processor from the present sources, for any types.
 
     Also true where nothing can be stored on disk: compiling in another process would be of no use there.
     """
     cache = dispatcher._cache
-    if not isinstance(cache, _SourceCache):
-        return True
-    return any(key[-1] == cache._digest for key in cache._cache_file._load_index())
+    assert isinstance(cache, _SourceCache)
+    return not cache.writable or cache._cache_file.any_for(dispatcher.targetctx.codegen().magic_tuple())
 
 
 def cpu_backend(warm_up: Callable[..., None], *functions: Dispatcher) -> Backend:
