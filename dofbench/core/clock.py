@@ -55,7 +55,10 @@ class Stopwatch:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Run during the block."""
+        """Run during the block; a block within another one of the same watch counts once."""
+        if self._since:
+            yield
+            return
         self.start()
         try:
             yield
@@ -88,7 +91,8 @@ class StageTimes:
         return {name: {"wall": watch.wall, "cpu": watch.cpu} for name, watch in self._stages.items()}
 
 
-loading = Stopwatch()  # time spent on importing heavy modules; the first run of a process reports it
+# Time spent on importing heavy modules, and on planning without these; the first run of a process reports both.
+loading, planning = Stopwatch(), Stopwatch()
 
 
 def timestamp() -> str:

@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from dofbench.core.budget import Budget, parse_budget
+from dofbench.core.clock import loading, planning
 from dofbench.core.content import method_folders
 from dofbench.core.contracts import Method
 from dofbench.core.errors import InputError, unknown
@@ -227,7 +228,8 @@ class MethodEntry:
         Raises InputError when the module has no such class or the class lacks a part of the contract.
         """
         module_name, class_name = self.card.class_.split(":")
-        module = importlib.import_module(f"{_package(self.id, self.folder)}.{module_name}")
+        with planning.paused(), loading.running():
+            module = importlib.import_module(f"{_package(self.id, self.folder)}.{module_name}")
         kind = getattr(module, class_name, None)
         if kind is None:
             raise InputError(

@@ -13,7 +13,7 @@ from functools import partial
 from rich.console import Console
 
 from dofbench.core.budget import Budget
-from dofbench.core.clock import StageTimes, loading, timestamp
+from dofbench.core.clock import StageTimes, loading, planning, timestamp
 from dofbench.core.contracts import LENS_MEASURED, Decision, FitOutcome, Method, Resumes, TrainingSet
 from dofbench.core.errors import InputError, Status, interruption
 from dofbench.core.files import read_json, refuse_links_outside, sha256_file, write_json
@@ -54,7 +54,7 @@ from dofbench.runtime.device_host import feeding
 from dofbench.runtime.freed_memory import keep_freed_memory
 from dofbench.runtime.supervised import on_death, supervised
 
-IMPORT, WARM_UP, TRAIN = "import", "warm up", "train"
+IMPORT, PLAN, WARM_UP, TRAIN = "import", "plan", "warm up", "train"
 TRAINED_FILE = "trained.json"
 _SPENT = ("train_s", "train_cpu_s", "cold_start_s", "peak_mb")
 _WIDEST = 96  # pixels of the warm-up's images: enough to run every kernel, too few to spend time on
@@ -68,7 +68,7 @@ def execute(plan: Plan, console: Console, progress: Progress) -> Outcome:
     interrupted (after writing a result that says so).
     """
     already_compiled = kernels_compiled()
-    with loading.running():
+    with planning.running():
         entry, dataset = find_method(plan.spec.method), Dataset.load(plan.data)
         plan.check_unchanged(entry, dataset)
     keep_freed_memory()
@@ -82,6 +82,7 @@ def execute(plan: Plan, console: Console, progress: Progress) -> Outcome:
             method = entry.create(dict(plan.spec.options), plan.spec.seed, plan.spec.device)
         stages = StageTimes()
         stages[IMPORT].move(loading)  # the method's own modules, and all that this process imported before
+        stages[PLAN].move(planning)
         run = Execution(plan, entry, dataset, method, console, progress, stages, already_compiled)
         return Outcome(plan.name, folder=plan.folder, status=run.go())
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from dofbench.core.budget import Budget
-from dofbench.core.clock import loading
+from dofbench.core.clock import planning
 from dofbench.core.contracts import ReadsOptions
 from dofbench.core.errors import InputError
 from dofbench.core.lens import framed_alike
@@ -116,11 +116,11 @@ def choose(run: RunSpec) -> Choices:
 
 
 def make_plan(run: RunSpec, data: Path) -> Plan:
-    """Plan a run on the dataset in `data`. The time counts as `loading`: the method's modules are imported.
+    """Plan a run on the dataset in `data`. The time counts as `planning`, but for imports of the method's modules.
 
     Raises InputError when the call is wrong, the folder is no dataset, or the method doesn't know an option.
     """
-    with loading.running():
+    with planning.running():
         return _make_plan(run, choose(run), data)
 
 

@@ -7,7 +7,9 @@ import math
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +25,7 @@ from dofbench.core.images import read_image
 from dofbench.evaluation.results.protocol import DEPTH_COLUMNS, LENS_COLUMNS, PROTOCOLS
 from dofbench.evaluation.results.result import read_result
 from dofbench.evaluation.scoring.evaluate import Evaluator
-from dofbench.running import execution
+from dofbench.running import execution, plan
 from dofbench.running.check_results import check_result
 from dofbench.running.load_run import load_run
 from dofbench.runtime import kernel_cache
@@ -190,6 +192,19 @@ def test_imports_are_counted_once(call, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(loading, "_wall", 10_000.0)  # seconds, as if importing had taken so long
     assert read_result(call().folder).scores["cold_start_s"] > 10_000
     assert read_result(call(seed=1).folder).scores["cold_start_s"] < 10_000
+
+
+def test_planning_is_no_cold_start(call, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, ahead, look = time.perf_counter, [0.0], plan._facts
+
+    def slow(*arguments: Any) -> Any:
+        ahead[0] += 10_000.0  # seconds
+        return look(*arguments)
+
+    monkeypatch.setattr(time, "perf_counter", lambda: clock() + ahead[0])
+    monkeypatch.setattr(plan, "_facts", slow)
+    result = read_result(call().folder)
+    assert result.scores["cold_start_s"] < 10_000 < result.stages["plan"].wall
 
 
 def test_the_preset_says_steps_where_it_has_no_budget(call) -> None:
