@@ -125,6 +125,7 @@ def test_code_for_another_processor_is_not_taken(whole: tuple[Path, Path], tmp_p
     assert _ran(whole[0], cache, **other) == _ran(whole[0], cache) == "42 0 True"
 
 
+@pytest.mark.slow
 def test_processes_that_compile_other_types_at_once_lose_nothing(whole: tuple[Path, Path], tmp_path: Path) -> None:
     results = {"int": "42", "float": "42.0", "complex": "(42+0j)"}
     started = [(_start(whole[0], tmp_path, KIND=kind), result) for kind, result in results.items()]

@@ -19,7 +19,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numba
+from numba import njit
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator, UserProvidedCacheLocator
+from numba.core.cpu_options import ParallelOptions
+from numba.core.registry import cpu_target
 from numba.core.serialize import dumps
 
 from dofbench.core.errors import InputError
@@ -27,7 +30,13 @@ from dofbench.core.files import replacing
 from dofbench.core.source_digest import PACKAGE, source_digest
 from dofbench.runtime.backend import Backend
 
+_IMPLICIT = ("comprehension", "reduction", "inplace_binop", "setitem", "numpy", "stencil")
+# For `njit(parallel=...)`: loops over `prange` alone. Numba would make a loop over threads of each `np.zeros` too, and
+# each such loop takes half a second to compile.
+PRANGE = ParallelOptions(dict.fromkeys(_IMPLICIT, False))
+
 _compiled = 0
+_caches: list[_SourceCache] = []
 
 
 class Dispatcher(Protocol):
@@ -35,7 +44,7 @@ class Dispatcher(Protocol):
 
     py_func: Callable[..., object]
     _cache: object
-    targetctx: Any
+    targetoptions: dict[str, object]
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
         """Run it on arguments of any types, compiled for these."""
@@ -95,9 +104,9 @@ class _Files:
             if not file.name.startswith(f"{self._base}.{self._stamp}."):
                 file.unlink(missing_ok=True)
 
-    def any_for(self, processor: object) -> bool:
-        """Whether there is code for this processor, whatever the types of the arguments."""
-        return any(True for folder in self._folders for _ in folder.glob(f"{self._prefix(processor)}*.nbc"))
+    def stored(self, processor: object) -> list[Path]:
+        """The files with code for this processor, whatever the types of the arguments."""
+        return [file for folder in self._folders for file in folder.glob(f"{self._prefix(processor)}*.nbc")]
 
 
 def _digest(content: object, digits: int) -> str:
@@ -140,8 +149,16 @@ def cached(dispatcher: Dispatcher) -> Dispatcher:
     own folder or in the packages `compute` and `core`. Without a writable cache folder it is compiled in every process.
     """
     code = _code(Path(dispatcher.py_func.__code__.co_filename).parent)
-    dispatcher._cache = _SourceCache(dispatcher.py_func, code)
+    dispatcher._cache = cache = _SourceCache(dispatcher.py_func, code)
+    _caches.append(cache)
+    dispatcher.targetoptions["no_cfunc_wrapper"] = True  # only Python and compiled functions call it
     return dispatcher
+
+
+def internal(**options: Any) -> Callable[[Callable[..., object]], Any]:
+    """`njit` for functions that compiled functions alone call: without the wrappers by which Python and C would call
+    them, which take a good part of the time to compile a small function."""
+    return njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)
 
 
 @cache
@@ -154,6 +171,28 @@ def compiled() -> int:
     return _compiled
 
 
+def add_compiled(count: int) -> None:
+    """Count functions that another process has compiled for this one."""
+    global _compiled
+    _compiled += count
+
+
+def stored() -> list[Path]:
+    """The files of all functions that have been imported, with code for this processor from the present sources."""
+    return [file for cache in _caches for file in cache._cache_file.stored(_processor())]
+
+
+def processor() -> str:
+    """The processor that code is compiled for, as LLVM calls it."""
+    name: str = _processor()[1]
+    return name
+
+
+def _processor() -> tuple[str, str, str]:
+    target: tuple[str, str, str] = cpu_target.target_context.codegen().magic_tuple()
+    return target
+
+
 def is_compiled(dispatcher: Dispatcher) -> bool:
     """Whether a `cached` function is on disk, compiled for this processor from the present sources, for any types.
 
@@ -161,7 +200,7 @@ def is_compiled(dispatcher: Dispatcher) -> bool:
     """
     cache = dispatcher._cache
     assert isinstance(cache, _SourceCache)
-    return not cache.writable or cache._cache_file.any_for(dispatcher.targetctx.codegen().magic_tuple())
+    return not cache.writable or bool(cache._cache_file.stored(_processor()))
 
 
 def cpu_backend(warm_up: Callable[..., None], *functions: Dispatcher) -> Backend:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core.typing import signature
 from numba.extending import intrinsic
 
+from .kernel_cache import internal
 from .simd import CONTRACT, FLOAT, FLOATS, INTS, LANES, as_floats, constant, float32x8, select8, vector_pair
 
 LOG2_E = np.float32(1.4426950408889634)
@@ -114,7 +115,7 @@ def floor_int(typing_context, number):
     return signature(types.int64, number), build
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def exp8(x):
     """exp(x) to 2 units in the last place; 0 below -87, infinity above 88, NaN for NaN."""
     # The reduction in two parts of ln 2 keeps the bits that one product with log2(e) would lose.

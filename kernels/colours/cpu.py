@@ -7,7 +7,7 @@ import torch
 from numba import njit, prange
 from torch.autograd.function import once_differentiable
 
-from dofbench.runtime.kernel_cache import cached, cpu_backend
+from dofbench.runtime.kernel_cache import PRANGE, cached, cpu_backend, internal
 
 from . import op
 
@@ -38,7 +38,7 @@ class _Colours(torch.autograd.Function):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _changed(pixels, change):
     result = np.empty_like(pixels)
     (a, b, c, d), (e, f, g, h), (i, j, k, m) = _rows(change)
@@ -50,7 +50,7 @@ def _changed(pixels, change):
     return result
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _rows(change):
     return (
         (change[0, 0], change[0, 1], change[0, 2], change[0, 3]),
@@ -60,7 +60,7 @@ def _rows(change):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _gradient(gradient, pixels, change):
     """By the pixels, and by the transform."""
     result = np.empty_like(pixels)
@@ -80,12 +80,15 @@ def _gradient(gradient, pixels, change):
             s00, s01, s02, s03 = s00 + u * x, s01 + u * y, s02 + u * z, s03 + u
             s10, s11, s12, s13 = s10 + v * x, s11 + v * y, s12 + v * z, s13 + v
             s20, s21, s22, s23 = s20 + w * x, s21 + w * y, s22 + w * z, s23 + w
-        sums[piece, 0] = np.array((s00, s01, s02, s03))
-        sums[piece, 1] = np.array((s10, s11, s12, s13))
-        sums[piece, 2] = np.array((s20, s21, s22, s23))
+        # One by one: a row as an array takes five seconds to compile.
+        sums[piece, 0, 0], sums[piece, 0, 1], sums[piece, 0, 2], sums[piece, 0, 3] = s00, s01, s02, s03
+        sums[piece, 1, 0], sums[piece, 1, 1], sums[piece, 1, 2], sums[piece, 1, 3] = s10, s11, s12, s13
+        sums[piece, 2, 0], sums[piece, 2, 1], sums[piece, 2, 2], sums[piece, 2, 3] = s20, s21, s22, s23
     total = np.zeros((3, 4))
     for piece in range(pieces):
-        total += sums[piece]
+        for row in range(3):
+            for column in range(4):
+                total[row, column] += sums[piece, row, column]
     return result, total
 
 

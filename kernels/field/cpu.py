@@ -9,7 +9,7 @@ import torch
 from numba import njit, prange
 
 from dofbench.runtime.factored_grid import FieldRender, GridShape, RaySamples
-from dofbench.runtime.kernel_cache import cached, cpu_backend
+from dofbench.runtime.kernel_cache import PRANGE, cached, cpu_backend, internal
 from dofbench.runtime.simd import LANES, sums8
 from dofbench.runtime.simd_functions import floor_int
 from dofbench.runtime.simd_memory import store8
@@ -157,14 +157,14 @@ def _spread(flat, points, by_channels, step, nodes, offsets, rank) -> np.ndarray
     return result
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def _point_lanes(flat, points, p, nodes, offsets, rank):
     q = min(p, len(points) - 1)
     return feature_lanes(flat, points[q, 0], points[q, 1], points[q, 2], nodes, offsets, rank)
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _densities(flat, points, nodes, offsets, rank, shift, found):
     for task in prange(-(-len(points) // _POINTS_PER_TASK)):
         for p in range(task * _POINTS_PER_TASK, min(len(points), (task + 1) * _POINTS_PER_TASK), LANES):
@@ -183,7 +183,7 @@ def _densities(flat, points, nodes, offsets, rank, shift, found):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _products(flat, points, nodes, offsets, rank, first, found):
     """Fill the columns of found (P, C) from `first` on."""
     for task in prange(-(-len(points) // _POINTS_PER_TASK)):
@@ -195,12 +195,12 @@ def _products(flat, points, nodes, offsets, rank, first, found):
                     store8(row, first + number * rank + channel, product8(flat, mode, rank, channel))
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def _cell(coordinate, cells):
     return min(floor_int(min(max(coordinate, ZERO), ONE) * np.float32(cells)), cells - 1)
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def _is_occupied(occupied, origins, directions, ray, place):
     depth, height, width = occupied.shape
     x = _cell(origins[ray, 0] + place * directions[ray, 0], width)
@@ -210,7 +210,7 @@ def _is_occupied(occupied, origins, directions, ray, place):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _march(origins, directions, spans, offsets, occupied, count, starts, places, steps, fill):
     """First with fill False: starts[r + 1] becomes the number of ray r's samples. Then, with starts added up, with fill
     True: places and steps are filled."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numba import njit, prange
 
-from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.kernel_cache import PRANGE, cached, internal
 from dofbench.runtime.simd import LANES
 from dofbench.runtime.simd_memory import load1, load8, store8
 
@@ -13,7 +13,7 @@ from .cpu_stencil import ONE, ZERO, cell, line8, plane8
 BANDS = 4  # of rows of a plane, each a task of its own; a fixed number, so that sums don't depend on the threads
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def axes_of(mode):
     """(column, row, line) axis of a mode, as in `MODES`."""
     if mode == 0:
@@ -24,7 +24,7 @@ def axes_of(mode):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def spread(flat, points, by_channels, step, nodes, offsets, rank, result, lines):
     """Fill result (like flat) with the gradient of `flat`.
 
@@ -75,7 +75,7 @@ def spread(flat, points, by_channels, step, nodes, offsets, rank, result, lines)
         result[first_line + number] = total
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def add_pair(result, at, rank, value, share):
     """Add a value to two neighbouring nodes, by the share of the way to the second."""
     second = value * share
@@ -84,7 +84,7 @@ def add_pair(result, at, rank, value, share):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def points_of(numbers, ray_of, origins, directions, places, points):
     """Fill points (P, 3) with where the samples of these numbers lie."""
     for p in prange(len(numbers)):

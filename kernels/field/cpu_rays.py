@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.kernel_cache import PRANGE, cached, internal
 from dofbench.runtime.simd import LANES, select8, splat8, sums8
 from dofbench.runtime.simd_functions import exp8, log2_8, max8
 from dofbench.runtime.simd_memory import load1, load8, store8
@@ -24,7 +24,7 @@ _SIXTH, _TWENTY_FOURTH = np.float32(1 / 6), np.float32(1 / 24)
 WEIGHT, BEHIND, SLOPE, RED, GREEN, BLUE, KEPT = 0, 1, 2, 3, 4, 5, 6
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def softplus8(x):
     """(log(1 + exp(x)), its derivative)."""
     small = exp8(-max8(x, -x))
@@ -34,7 +34,7 @@ def softplus8(x):
     return value, select8(x < ZERO, small, splat8(ONE)) / (ONE + small)
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def absorbed8(optical):
     """(1 - exp(-optical), exp(-optical))."""
     passed = exp8(-optical)
@@ -42,7 +42,7 @@ def absorbed8(optical):
     return select8(optical < _SMALL, series, ONE - passed), passed
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def feature_lanes(flat, x, y, z, nodes, offsets, rank):
     """A point's density channels, added up into eight lanes."""
     first, second, third = stencil(x, y, z, nodes, offsets, rank)
@@ -54,7 +54,7 @@ def feature_lanes(flat, x, y, z, nodes, offsets, rank):
     return total
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def sample_lanes(flat, origin, direction, places, s, end, nodes, offsets, rank):
     """`feature_lanes` of sample s of a ray; that of the ray's last sample for samples behind the end."""
     t = load1(places, min(s, end - 1))
@@ -62,7 +62,7 @@ def sample_lanes(flat, origin, direction, places, s, end, nodes, offsets, rank):
     return feature_lanes(flat, x, y, z, nodes, offsets, rank)
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def fill_colour_weights(basis, harmonic, weights):
     """Fill weights (3, C), flat: what each colour channel counts for red, green and blue, seen from a ray's direction.
 
@@ -77,7 +77,7 @@ def fill_colour_weights(basis, harmonic, weights):
             store8(weights, colour * depth + i, total)
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def colour_lanes(flat, x, y, z, nodes, offsets, rank, weights):
     """A point's red, green and blue before the sigmoid, each to be added up from eight lanes."""
     modes = stencil(x, y, z, nodes, offsets, rank)
@@ -91,7 +91,7 @@ def colour_lanes(flat, x, y, z, nodes, offsets, rank, weights):
     return red, green, blue
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def add_colour_gradient(flat, x, y, z, nodes, offsets, rank, weights, by_rgb, by_channels, by_weights):
     """Fill by_channels (3 rank) with the gradient with respect to a point's channels, and add that by the weights to
     by_weights. by_rgb: the gradients with respect to red, green and blue before the sigmoid."""
@@ -108,7 +108,7 @@ def add_colour_gradient(flat, x, y, z, nodes, offsets, rank, weights, by_rgb, by
             store8(by_weights, blue, load8(by_weights, blue) + value * by_blue)
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def add_basis_gradient(basis, harmonic, by_weights, by_basis, by_terms, lanes):
     """Add to by_basis what a ray's by_weights (3, C) make of it, and fill by_terms with the gradient with respect to
     its harmonics. lanes: eight numbers, scratch."""
@@ -125,14 +125,14 @@ def add_basis_gradient(basis, harmonic, by_weights, by_basis, by_terms, lanes):
         by_terms[k] = lanes[0]
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def sigmoid(x):
     """1 / (1 + exp(-x)), without overflow."""
     small = np.exp(-abs(x))
     return (ONE if x >= ZERO else small) / (ONE + small)
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def fill_harmonics(view, terms):
     """The spherical harmonics of `reference.harmonics`, as many as terms has room for."""
     x, y, z = view[0], view[1], view[2]
@@ -149,7 +149,7 @@ def fill_harmonics(view, terms):
         terms[8] = np.float32(0.5462742152960396) * (x * x - y * y)
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def add_harmonics_gradient(view, by_terms, by_view):
     """Add the gradient with respect to the view direction to by_view (3)."""
     x, y, z = view[0], view[1], view[2]
@@ -166,7 +166,7 @@ def add_harmonics_gradient(view, by_terms, by_view):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def render(grids, rays, samples, sizes, constants, kept, seen, results):
     """Render every ray; fill kept (S, KEPT), seen (R,), how many of a ray's samples count, and results (R, 5): colour,
     opacity, distance.
@@ -236,7 +236,7 @@ def render(grids, rays, samples, sizes, constants, kept, seen, results):
             results[ray, 3], results[ray, 4] = opacity, distance
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def add_place_gradient(flat, x, y, z, nodes, offsets, rank, by_channels, step, by_point):
     """Add to by_point (3) the gradient with respect to a point's coordinates. by_channels: by its channels, `step`
     numbers from mode to mode; with step 0 all modes have the same."""
@@ -258,7 +258,7 @@ def add_place_gradient(flat, x, y, z, nodes, offsets, rank, by_channels, step, b
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def backward(grids, rays, samples, sizes, constants, kept, seen, gradient, lit_from, wanted, outputs):
     """The gradients of a rendering. gradient: (R, 5), by `render`'s results. lit_from: (R + 1,), how many samples with
     a colour lie before each ray. wanted: whether gradients with respect to the rays are computed.

@@ -8,8 +8,8 @@ of its line's first number, and the share of the way to the line's next node.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dofbench.runtime.kernel_cache import internal
 from dofbench.runtime.simd_functions import floor_int
 from dofbench.runtime.simd_memory import load8
 
@@ -17,7 +17,7 @@ ZERO = np.float32(0.0)
 ONE = np.float32(1.0)
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def cell(coordinate, nodes):
     """The node below a coordinate in [0, 1], and the share of the way to the next."""
     scaled = min(max(coordinate, ZERO), ONE) * np.float32(nodes - 1)
@@ -25,7 +25,7 @@ def cell(coordinate, nodes):
     return below, scaled - np.float32(below)
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def stencil(x, y, z, nodes, offsets, rank):
     """The stencil of a point. nodes: along x, y, z. offsets: of three planes and three lines, as `GridShape` has
     them."""
@@ -41,7 +41,7 @@ def stencil(x, y, z, nodes, offsets, rank):
     )
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def plane8(flat, at, row, rank, u, v):
     """Eight channels of a plane."""
     upper, lower = load8(flat, at), load8(flat, at + row)
@@ -50,7 +50,7 @@ def plane8(flat, at, row, rank, u, v):
     return upper + (lower - upper) * v
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def plane_slopes8(flat, at, row, rank, u, v):
     """Eight channels of a plane, and their derivatives with respect to u and v."""
     upper, lower = load8(flat, at), load8(flat, at + row)
@@ -60,14 +60,14 @@ def plane_slopes8(flat, at, row, rank, u, v):
     return upper + down * v, upper_step + (lower_step - upper_step) * v, down
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def line8(flat, at, rank, w):
     """Eight channels of a line."""
     first = load8(flat, at)
     return first + (load8(flat, at + rank) - first) * w
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def line_slope8(flat, at, rank, w):
     """Eight channels of a line, and their derivatives with respect to w."""
     first = load8(flat, at)
@@ -75,14 +75,14 @@ def line_slope8(flat, at, rank, w):
     return first + step * w, step
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def product8(flat, mode, rank, channel):
     """Eight channels of a mode, from `channel` on: plane times line."""
     at, row, u, v, line_at, w = mode
     return plane8(flat, at + channel, row, rank, u, v) * line8(flat, line_at + channel, rank, w)
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def product_slopes8(flat, mode, rank, channel):
     """The derivatives of a mode's eight channels by u, v and w."""
     at, row, u, v, line_at, w = mode

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from numba import njit, prange
 
-from dofbench.runtime.kernel_cache import cached, cpu_backend
+from dofbench.runtime.kernel_cache import PRANGE, cached, cpu_backend, internal
 from dofbench.runtime.simd import LANES
 from dofbench.runtime.simd_functions import exp8
 from dofbench.runtime.simd_memory import load8, store8
@@ -50,7 +50,7 @@ def _padded(image, reach):
     return np.ascontiguousarray(np.pad(image.transpose(2, 0, 1), ((0, 0), (reach, reach), (reach, reach))))
 
 
-@njit(error_model="numpy", fastmath=_FAST)
+@internal(error_model="numpy", fastmath=_FAST)
 def _weights(logits, count, weights):
     """Fill `weights` (a multiple of eight numbers) with exp(logit - largest); returns the largest and the sum. A logit
     that isn't finite gives NaN."""
@@ -70,7 +70,7 @@ def _weights(logits, count, weights):
 
 
 @cached
-@njit(parallel=True, error_model="numpy", fastmath=_FAST)
+@njit(parallel=PRANGE, error_model="numpy", fastmath=_FAST)
 def _mix(padded, logits, size):
     channels = padded.shape[0]
     height, width, count = logits.shape
@@ -93,7 +93,7 @@ def _mix(padded, logits, size):
 
 
 @cached
-@njit(parallel=True, error_model="numpy", fastmath=_FAST)
+@njit(parallel=PRANGE, error_model="numpy", fastmath=_FAST)
 def _mix_backward(padded, logits, size, mixed, largest, total, gradient):
     channels = padded.shape[0]
     height, width, count = logits.shape

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.kernel_cache import PRANGE, cached, internal
 from dofbench.runtime.simd import LANES, bits8, lanes8, splat8
 from dofbench.runtime.simd_functions import floor8, floor_int, max8, min8, sqrt8
 from dofbench.runtime.simd_memory import load1, store8
@@ -24,7 +24,7 @@ _TILE_WIDTH = np.float32(layout.TILE_WIDTH)
 _TILE_HEIGHT = np.float32(layout.TILE_HEIGHT)
 
 
-@njit(forceinline=True, error_model="numpy")
+@internal(forceinline=True, error_model="numpy")
 def ellipse_box(records, i, view):
     """The tiles around the ellipse where the Gaussian counts: first column, first row, columns, rows (0 if outside)."""
     base = i * layout.RECORD
@@ -44,7 +44,7 @@ def ellipse_box(records, i, view):
     return column, row, right // layout.TILE_WIDTH - column + 1, bottom // layout.TILE_HEIGHT - row + 1
 
 
-@njit(forceinline=True, error_model="numpy")
+@internal(forceinline=True, error_model="numpy")
 def ellipse_rows(records, i, view, column, row, columns, cell):
     """For eight tiles of the box, the pixel rows that the ellipse reaches within each tile: first row, and one past the
     last.
@@ -84,7 +84,7 @@ def ellipse_rows(records, i, view, column, row, columns, cell):
     return first, stop, met
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def count_tiles(records, i, view):
     """The number of tiles that Gaussian i meets."""
     column, row, columns, rows = ellipse_box(records, i, view)
@@ -101,7 +101,7 @@ def count_tiles(records, i, view):
     return total
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def list_tiles(records, i, view, tiles_across, slot, tiles, spans, buffer):
     """Write the tiles that Gaussian i meets to `tiles`, and their rows as first | stop << 8 to `spans`."""
     column, row, columns, rows = ellipse_box(records, i, view)
@@ -166,7 +166,7 @@ def depth_order(depths, counts, n):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def fill_tiles(records, counts, n, order, view, columns, rows, chunks):
     """Every tile's list of Gaussians, nearest first.
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.kernel_cache import PRANGE, cached, internal
 from dofbench.runtime.simd import LANES, any8, lanes8, select8, splat8, sums8
 from dofbench.runtime.simd_functions import abs8, exp2_fast8, max8, min8
 from dofbench.runtime.simd_memory import load1, load8, prefetch, store8
@@ -29,12 +29,12 @@ _TEST_EVERY = 8
 _AHEAD = 8
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def _load3(array, index):
     return load1(array, index), load1(array, index + 1), load1(array, index + 2)
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def _is_opaque(scratch):
     highest = splat8(_ZERO)
     for k in range(0, planes.PLANE, LANES):
@@ -42,7 +42,7 @@ def _is_opaque(scratch):
     return not any8(highest >= layout.MIN_TRANSMITTANCE)
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _forward_tile(features, records, ids, spans, begin, end, left, top, near, scratch):
     """Blend one tile into `scratch`; returns how many of its Gaussians were processed before it was opaque."""
     for k in range(begin, end):
@@ -100,7 +100,7 @@ def _forward_tile(features, records, ids, spans, begin, end, left, top, near, sc
     return end - begin
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _backward_tile(
     features, absolute, width, records, ids, spans, begin, end, looked_at, left, top, near, scratch, out
 ):
@@ -197,7 +197,7 @@ def _backward_tile(
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def blend(features, records, lists, view, columns, background, images, looked_at, workers):
     """Composite every tile, writing the images (flat) and how many Gaussians each tile processed.
 
@@ -221,7 +221,7 @@ def blend(features, records, lists, view, columns, background, images, looked_at
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def blend_backward(features, absolute, records, lists, view, columns, looked_at, images, by_images, out, workers):
     """The contribution of every intersection to the gradient, written to its place in `out` (see cpu_layout).
 

@@ -6,8 +6,8 @@ The forward and the backward pass of projection both compute them, so the backwa
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dofbench.runtime.kernel_cache import internal
 from dofbench.runtime.simd import select8
 from dofbench.runtime.simd_functions import abs8, exp8, max8, min8, sqrt8
 from dofbench.runtime.simd_memory import gather8, load8
@@ -19,13 +19,13 @@ ZERO = np.float32(0.0)
 SQUARES_UNDERFLOW = np.float32(1e-15)  # numbers below it have squares of less than 1e-30, whose last digits are lost
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def dot3(ax, ay, az, bx, by, bz):
     """Scalar product of two triples."""
     return ax * bx + (ay * by + az * bz)
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def to_camera8(view, x, y, z):
     """World position to camera position."""
     r = layout.ROTATION
@@ -37,7 +37,7 @@ def to_camera8(view, x, y, z):
     )
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def unit_quaternion8(quaternions, i):
     """The normalised quaternion (identity for a zero one) and 1 / norm (0 for a zero one)."""
     w, x, y, z = (
@@ -56,7 +56,7 @@ def unit_quaternion8(quaternions, i):
     return w, x * inverse, y * inverse, z * inverse, select8(zero, ZERO, inverse * scale)
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def axes8(view, w, x, y, z):
     """The Gaussian's three axes in camera coordinates, axis by axis: (m0x, m0y, m0z, m1x, …)."""
     two = np.float32(2.0)
@@ -73,7 +73,7 @@ def axes8(view, w, x, y, z):
     )  # fmt: skip
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def sizes8(log_scales, filter_3d, i):
     """Per axis the scale s, and the filtered scale e = sqrt(s**2 + f**2): (s0, s1, s2, e0, e1, e2)."""
     s0 = exp8(gather8(log_scales, 3 * i, 3))
@@ -88,19 +88,19 @@ def sizes8(log_scales, filter_3d, i):
     return s0, s1, s2, max8(s0, sqrt8(s0 * s0 + f2)), max8(s1, sqrt8(s1 * s1 + f2)), max8(s2, sqrt8(s2 * s2 + f2))
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def ratio8(a, b):
     """a / b, with 0 / 0 = 1; a and b >= a are a scale before and after the 3D filter."""
     return select8(a == b, ONE, a / b)
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def minor8(ax, ay, bx, by):
     """The determinant of a two by two block, ax by - ay bx."""
     return ax * by - ay * bx
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def weights8(e0, e1, e2):
     """(e_min / e_i)**2: the inverse covariance up to a factor that the plane doesn't depend on."""
     least = min8(e0, min8(e1, e2))
@@ -108,7 +108,7 @@ def weights8(e0, e1, e2):
     return w0 * w0, w1 * w1, w2 * w2
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def footprint8(view, axes, filtered, iz, cu, cv):
     """The factor A = J M diag(e) of the footprint's covariance A A^T, and the quantities derived from it.
 
@@ -135,7 +135,7 @@ def footprint8(view, axes, filtered, iz, cu, cv):
     )
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def plane8(axes, filtered, cu, cv):
     """The plane of largest density along each ray (RaDe-GS, current version), given by its normal h up to a factor.
 

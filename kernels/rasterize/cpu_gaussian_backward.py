@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dofbench.runtime.kernel_cache import internal
 from dofbench.runtime.simd import LANES, mask8_of, select8, splat8
 from dofbench.runtime.simd_functions import exp8, sqrt8
 from dofbench.runtime.simd_memory import gather8, load8, scatter8, store8
@@ -18,7 +18,7 @@ TWO = np.float32(2.0)
 SLOT = layout.SLOT
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def quaternion_backward8(w, x, y, z, inverse, g):
     """dL/d(raw quaternion) from dL/d(rotation matrix), g column by column; w … z normalised, inverse 1 / norm."""
     c0x, c0y, c0z, c1x, c1y, c1z, c2x, c2y, c2z = g
@@ -35,7 +35,7 @@ def quaternion_backward8(w, x, y, z, inverse, g):
     )
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def backward_block(
     inputs, rest, degree, geometry, view, i, records, out, seen_bits, sums, outputs, grad_2d, basis, pulls
 ):  # fmt: skip

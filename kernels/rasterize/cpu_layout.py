@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from dofbench.runtime.kernel_cache import internal
 from dofbench.runtime.simd import LANES
 
 from . import op
@@ -51,7 +51,7 @@ EXPONENT_SCALE = np.float32(math.sqrt(math.log2(math.e) / 2))
 CHUNKS = 64
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def tail_of(array, n):
     """The rows of a flat array of n rows after the last full block of eight, padded with zeros to eight."""
     width = array.size // n if n > 0 else 0
@@ -62,7 +62,7 @@ def tail_of(array, n):
     return padded
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def tails_of(arrays, n):
     """The last, incomplete block of each of nine arrays, see `tail_of`."""
     return (

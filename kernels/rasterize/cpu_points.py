@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.kernel_cache import PRANGE, cached
 from dofbench.runtime.simd import LANES
 from dofbench.runtime.simd_memory import load8, store8
 
@@ -17,7 +17,7 @@ WIDTH = 16  # floats of an intersection's gradient: no normals
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def shift_records(records, visible, radius, x, y, n, view, shifted, counts):
     """The records as seen from the lens point (x, y), and the number of tiles that each Gaussian meets from there."""
     for chunk in prange(CHUNKS):
@@ -33,7 +33,7 @@ def shift_records(records, visible, radius, x, y, n, view, shifted, counts):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def times_point(gradients, x, y):
     """Write the products of every intersection's moments with the lens point (x, y) to its S_POINT_* places."""
     intersections = gradients.size // WIDTH
@@ -47,7 +47,7 @@ def times_point(gradients, x, y):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def join_places(offsets, places, first):
     """One list of places a Gaussian, over all lens points, in the order of the points.
 

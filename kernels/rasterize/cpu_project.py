@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.kernel_cache import PRANGE, cached, internal
 from dofbench.runtime.simd import LANES, any8, bits8, select8, splat8
 from dofbench.runtime.simd_functions import exp8, floor8, log2_8, max8, min8, sqrt8
 from dofbench.runtime.simd_memory import gather8, load8, scatter8, store8
@@ -19,7 +19,7 @@ from .cpu_sh import TERMS, color8
 HALF = np.float32(0.5)
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def project_block(inputs, rest, degree, geometry, view, i, outputs, out, basis):
     """Project Gaussians i … i + 7 of the inputs into places out … out + 7; returns the lanes gone non-finite."""
     means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur, margin = inputs
@@ -139,7 +139,7 @@ def project_block(inputs, rest, degree, geometry, view, i, outputs, out, basis):
     return bits8(~finite)
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def project_blocks(inputs, rest, tails, degree, geometry, view, first, stop, outputs):
     """Project the blocks first … stop - 1; returns the index of a Gaussian that is not finite, or -1."""
     n, margin = inputs[3].size, inputs[8]
@@ -165,7 +165,7 @@ def project_blocks(inputs, rest, tails, degree, geometry, view, first, stop, out
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def project(inputs, rest, degree, geometry, view, outputs):
     """Fill outputs: records, depths, radii, visible and counts (tiles met) of every Gaussian.
 

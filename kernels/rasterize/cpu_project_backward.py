@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.kernel_cache import PRANGE, cached, internal
 from dofbench.runtime.simd import LANES, splat8
 from dofbench.runtime.simd_memory import load8, prefetch, store8
 
@@ -19,7 +19,7 @@ from .cpu_sh import TERMS
 SLOT = layout.SLOT
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def reduce_places(gradients, width, places, first, last, sums, lane):
     """The sum over one Gaussian's intersections, in the order of its tiles, into its row of `sums`."""
     low, middle, high = splat8(ZERO), splat8(ZERO), splat8(ZERO)
@@ -34,7 +34,7 @@ def reduce_places(gradients, width, places, first, last, sums, lane):
     store8(sums, lane * SLOT + 2 * LANES, high)
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def zero_rows(array, n, i, count):
     """Set rows i … i + count - 1 of a flat array of n rows to zero; the array may be empty."""
     width = array.size // n
@@ -42,7 +42,7 @@ def zero_rows(array, n, i, count):
         array[k] = ZERO
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def put_tail(array, n, tail):
     """Write a padded block back to the rows after the last full block; the inverse of `tail_of`."""
     start = n // LANES * LANES * (array.size // n)
@@ -50,7 +50,7 @@ def put_tail(array, n, tail):
         array[k] = tail[k - start]
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def met_lanes(offsets, i, count):
     """Which of the Gaussians i … i + count - 1 met a tile; bit k is Gaussian i + k."""
     bits = 0
@@ -60,7 +60,7 @@ def met_lanes(offsets, i, count):
     return bits
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def backward_blocks(inputs, rest, tails, degree, geometry, view, records, intersections, first, stop, outputs):
     """Compute the gradients of the blocks first … stop - 1."""
     n = inputs[3].size
@@ -107,7 +107,7 @@ def backward_blocks(inputs, rest, tails, degree, geometry, view, records, inters
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def project_backward(inputs, rest, degree, geometry, view, records, intersections, outputs):
     """Reduce the intersections' gradients to Gaussians and on to the parameters.
 

@@ -6,8 +6,8 @@ Term k = 0 … 15 of the series lies at buffer[8 k : 8 k + 8].
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dofbench.runtime.kernel_cache import internal
 from dofbench.runtime.simd import LANES, select8, splat8
 from dofbench.runtime.simd_functions import sqrt8
 from dofbench.runtime.simd_memory import gather8, load8, scatter8, store8
@@ -24,7 +24,7 @@ HALF = np.float32(0.5)
 ZERO = np.float32(0.0)
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def fill_basis(buffer, degree, x, y, z):
     """The basis functions in unit direction (x, y, z), up to `degree`."""
     store8(buffer, 0 * LANES, splat8(C0))
@@ -49,7 +49,7 @@ def fill_basis(buffer, degree, x, y, z):
         store8(buffer, 15 * LANES, -C3A * x * (xx - THREE * yy))
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def direction_gradient(f, degree, x, y, z):
     """dL/d(unit direction) from dL/d(each basis function), which the buffer f holds."""
     gx, gy, gz = splat8(ZERO), splat8(ZERO), splat8(ZERO)
@@ -78,7 +78,7 @@ def direction_gradient(f, degree, x, y, z):
     return gx, gy, gz
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def color8(sh_dc, sh_rest, rest, degree, i, dx, dy, dz, basis):
     """1/2 + the sum of the series in direction (dx, dy, dz), any length; three channels, not clamped."""
     inverse = ONE / sqrt8(dx * dx + (dy * dy + dz * dz))
@@ -98,7 +98,7 @@ def color8(sh_dc, sh_rest, rest, degree, i, dx, dy, dz, basis):
     return red, green, blue
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def color_backward8(sh_rest, rest, degree, i, seen, dx, dy, dz, red, green, blue, d_dc, d_rest, basis, pulls):
     """Write the coefficients' gradients from dL/d(colour); returns dL/d(dx, dy, dz).
 

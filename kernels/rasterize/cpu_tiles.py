@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from dofbench.runtime.kernel_cache import internal
 from dofbench.runtime.simd import LANES, lanes8, select8, splat8
 from dofbench.runtime.simd_functions import max8, sqrt8
 from dofbench.runtime.simd_memory import gather8, scatter8, store8
@@ -29,7 +29,7 @@ SCRATCH = 12 * PLANE
 SCRATCH_WITH_DISTORTION = 14 * PLANE
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def get_row(image, index, stride, count):
     """`count` <= 8 pixels of a flat image; the lanes beyond are zero."""
     if count >= LANES:
@@ -40,7 +40,7 @@ def get_row(image, index, stride, count):
     return gather8(buffer, 0, 1)
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def put_row(image, index, stride, count, value):
     """Write the first `count` <= 8 lanes to pixels of a flat image."""
     if count >= LANES:
@@ -52,7 +52,7 @@ def put_row(image, index, stride, count, value):
         image[index + lane * stride] = buffer[lane]
 
 
-@njit(forceinline=True)
+@internal(forceinline=True)
 def cosines(left, y, view):
     """Cosine between the optical axis and the ray of each of eight pixels: z-depth over ray length."""
     v = (np.float32(y) + HALF - view[layout.CY]) / view[layout.FY]
@@ -60,7 +60,7 @@ def cosines(left, y, view):
     return ONE / sqrt8(u * u + (v * v + ONE))
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def clear_tile(scratch, left, top, view):
     """Set transmittance to 1 inside the image and 0 outside, and everything else to 0."""
     inside = lanes8() + np.float32(left) < view[layout.WIDTH]
@@ -70,7 +70,7 @@ def clear_tile(scratch, left, top, view):
         store8(scratch, T + row * LANES, select8(inside, ONE if top + row < view[layout.HEIGHT] else ZERO, ZERO))
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def write_tile(features, scratch, left, top, view, background, images):
     """Write the images (flat) from the sums of the forward pass."""
     color, alpha, depth, median, median_at, normal, distortion, mean_inverse = images
@@ -104,7 +104,7 @@ def write_tile(features, scratch, left, top, view, background, images):
                     put_row(mean_inverse, at, 1, count, select8(weight == ZERO, ZERO, mean))
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def read_tile(features, scratch, left, top, view, images, by_images):
     """Fill the planes of the backward pass from flat images. An empty gradient means that the output isn't used by the
     loss.

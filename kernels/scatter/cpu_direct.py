@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.kernel_cache import PRANGE, cached, internal
 from dofbench.runtime.simd import splat8
 from dofbench.runtime.simd_memory import load8, store8
 
@@ -22,7 +22,7 @@ LANES = 8
 _ONE = np.float32(1.0)
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _accumulate(sums, weight, planes, at, stride):
     return (
         sums[0] + weight * load8(planes, at + stride),
@@ -32,7 +32,7 @@ def _accumulate(sums, weight, planes, at, stride):
     )
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _gather_rational(sums, planes, at, stride, low, high, outer, entry):
     for dx in range(low, high + 1):
         weight = _ONE / (_ONE + load8(planes, at + dx) * outer[entry + dx])
@@ -40,7 +40,7 @@ def _gather_rational(sums, planes, at, stride, low, high, outer, entry):
     return sums
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _gather_exponential(sums, planes, at, stride, low, high, outer, slope, entry):
     for dx in range(low, high + 1):
         weight = logistic2(outer[entry + dx] - slope[entry + dx] * load8(planes, at + dx))
@@ -48,7 +48,7 @@ def _gather_exponential(sums, planes, at, stride, low, high, outer, slope, entry
     return sums
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _gather_stopped(sums, planes, at, stride, low, high, outer, slope, entry, stop, opacity):
     for dx in range(low, high + 1):
         radius, start, steep = load8(planes, at + dx), outer[entry + dx], slope[entry + dx]
@@ -58,7 +58,7 @@ def _gather_stopped(sums, planes, at, stride, low, high, outer, slope, entry, st
     return sums
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _add(buffer, at, sums):
     store8(buffer, at, load8(buffer, at) + sums[0])
     store8(buffer, at + STRIP, load8(buffer, at + STRIP) + sums[1])
@@ -66,7 +66,7 @@ def _add(buffer, at, sums):
     store8(buffer, at + 3 * STRIP, load8(buffer, at + 3 * STRIP) + sums[3])
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def farthest_reach(reach, y, block, around):
     """Largest reach, pixels, of those sources of row y that reach the targets of `block`; negative if none does."""
     farthest = np.float32(-1.0)
@@ -77,7 +77,7 @@ def farthest_reach(reach, y, block, around):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _spread(planes, reach, sizes, rows, kind, folded, outer, slope, stop, opacity):
     """Buffers (bands of `rows` source rows, strips, target rows of the band, SUMS, STRIP)."""
     height, width, stride, pad = sizes.height, sizes.width, sizes.stride, sizes.pad
@@ -123,7 +123,7 @@ def _spread(planes, reach, sizes, rows, kind, folded, outer, slope, stop, opacit
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _merge(buffers, height, width, rows, reach_y):
     """Sum the buffers that cover each row, in order, and divide: blurred (H, W, COLOURS), total (H, W)."""
     blurred = np.empty((height, width, COLOURS), np.float32)

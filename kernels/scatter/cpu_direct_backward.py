@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit, prange
 
 from dofbench.core.lens import AREA_EPSILON
-from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.kernel_cache import PRANGE, cached, internal
 from dofbench.runtime.simd_memory import load8, store8
 
 from .cpu_pack import BLOCK, PLANES, RATIONAL, SUMS, Edges, Geometry, half_width, logistic2
@@ -33,7 +33,7 @@ _ONE, _NONE = np.float32(1.0), np.float32(0.0)
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def pack_gradient(gradient, image, blurred, total, sizes):
     """Gradient with respect to the sums before the division, planes (H, SUMS, stride), flat; and D_ii / q_i, (H,
     stride), flat."""
@@ -54,7 +54,7 @@ def pack_gradient(gradient, image, blurred, total, sizes):
     return planes.reshape(-1), own.reshape(-1)
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _add_rows(lines, planes, y, dy, height, stride, low, count, folded):
     """lines (SUMS, count) = gradient of row y + dy, plus that of y - dy where the shape is folded."""
     for plane in range(SUMS):
@@ -73,12 +73,12 @@ def _add_rows(lines, planes, y, dy, height, stride, low, count, folded):
                 store8(lines, to + i, load8(planes, above + i))
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _load4(lines, at, count):
     return load8(lines, at), load8(lines, at + count), load8(lines, at + 2 * count), load8(lines, at + 3 * count)
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _load4_mirrored(lines, at, dx, count):
     return (
         load8(lines, at + dx) + load8(lines, at - dx),
@@ -88,7 +88,7 @@ def _load4_mirrored(lines, at, dx, count):
     )
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _load5(planes, at, step):
     return (
         load8(planes, at),
@@ -99,7 +99,7 @@ def _load5(planes, at, step):
     )
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _store5(to, at, step, values):
     store8(to, at, values[0])
     store8(to, at + step, values[1])
@@ -108,12 +108,12 @@ def _store5(to, at, step, values):
     store8(to, at + 4 * step, values[4])
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _product(gradient, source):
     return source[1] * gradient[0] + (source[2] * gradient[1] + (source[3] * gradient[2] + source[4] * gradient[3]))
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _collect(sums, weight, slope, gradient, product):
     """Add one offset: S times the gradient with respect to three colours, S D and S' D."""
     return (
@@ -125,13 +125,13 @@ def _collect(sums, weight, slope, gradient, product):
     )
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _rational(edge, outer):
     weight = _ONE / (_ONE + outer * edge)
     return weight, weight - weight * weight
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _exponential(radius, outer, slope, stop, opacity):
     rim = logistic2(outer - slope * radius)
     by_radius = slope * (rim - rim * rim)
@@ -142,7 +142,7 @@ def _exponential(radius, outer, slope, stop, opacity):
     return rim, by_radius
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _visit_rational(sums, lines, at, count, source, own, own_at, dy, last, outer, entry):
     gradient = _load4(lines, at, count)
     weight, slope = _rational(source[0], outer[entry])
@@ -155,7 +155,7 @@ def _visit_rational(sums, lines, at, count, source, own, own_at, dy, last, outer
     return sums
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _visit_exponential(
     sums, lines, at, count, source, own, own_at, dy, last, outer, slope, entry, stop, opacity, folded
 ):
@@ -181,7 +181,7 @@ def _visit_exponential(
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _gather(sources, reach, gradient, own, sizes, kind, folded, outer, slope, stop, opacity):
     """Sums (H, strips, 5, STRIP): gradients with respect to the colours without the area term, then the sums of S D and
     S' D."""
@@ -234,7 +234,7 @@ def _gather(sources, reach, gradient, own, sizes, kind, folded, outer, slope, st
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _finish(sums, signed_radius, steepness, area_epsilon, area):
     """Apply the area term and the sign: gradients with respect to colour (H, W, COLOURS) and signed radius (H,
     W)."""

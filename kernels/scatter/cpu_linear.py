@@ -28,7 +28,7 @@ import numpy as np
 from numba import njit, prange
 
 from dofbench.core.lens import AREA_EPSILON
-from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.kernel_cache import PRANGE, cached, internal
 from dofbench.runtime.simd import largest8, select8, splat8
 from dofbench.runtime.simd_functions import abs8, exp2_fast8, floor8, max8, min8, sqrt8
 from dofbench.runtime.simd_memory import load1, load8, store8, store_whole8
@@ -58,7 +58,7 @@ def _period(band: float, least: float) -> float:
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _table(rows, columns, period, slope):
     """exp(slope (l - nearest multiple of the period)) by (dy, k), flat; negative for odd multiples."""
     table = np.empty((rows, columns), np.float32)
@@ -71,20 +71,20 @@ def _table(rows, columns, period, slope):
     return table.reshape(-1)
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _half_width8(square, dy):
     """Half of the chord at `dy` from the centre of eight discs of these squared radii; -1 where there is none."""
     rest = square - dy * dy
     return select8(rest >= _ZERO, floor8(sqrt8(max8(rest, _ZERO))), -_ONE)
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _soft8(distances, even, odd):
     """S from eight entries of the table and the sources' factors for even and odd multiples of the period."""
     return _ONE / (_ONE + abs8(distances) * select8(distances < _ZERO, odd, even))
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _reaches(image, radius, sizes):
     """Where the soft end of a source begins and ends, pixels from its centre. image: its three colours."""
     band = np.float32(sizes.usual_band)
@@ -94,7 +94,7 @@ def _reaches(image, radius, sizes):
     return radius - band, min(max(radius + band, np.float32(sizes.least)), np.float32(sizes.height + sizes.width))
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _sort_row(image, signed_radius, sizes, area, period, steepness, inner, outer, evens, odds, places, colours):
     """Sources of one row of a tile, (n, COLOURS) and (n,), farthest reaching first; the others are filled in, flat.
 
@@ -130,7 +130,7 @@ def _sort_row(image, signed_radius, sizes, area, period, steepness, inner, outer
         store8(odds, i, exp2_fast8(max8(min8(load8(odds, i), _LIMIT), -_LIMIT)))
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _plan_row(dy, centre, farthest, pad, inner, outer, evens, odds, places, plan, longest, fulls):
     """Plan where runs and soft ends of a row's sources lie at the target row `dy`; returns how many groups of LANES
     reach it.
@@ -163,7 +163,7 @@ def _plan_row(dy, centre, farthest, pad, inner, outer, evens, odds, places, plan
 def _soft_ends_of(entries):
     """A function that adds both soft ends of LANES sources; the number of entries is fixed, for straight code."""
 
-    @njit(error_model="numpy", forceinline=True)
+    @internal(error_model="numpy", forceinline=True)
     def add(softs, weights, colours, group, plan, at):
         for lane in range(LANES):
             left, right = np.int64(plan[at + _LEFT + lane]), np.int64(plan[at + _RIGHT + lane])
@@ -178,7 +178,7 @@ def _soft_ends_of(entries):
 _add3, _add4, _add5, _add6, _add8 = (_soft_ends_of(entries) for entries in (3, 4, 5, 6, 8))
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _add_sources(table, entry, groups, evens, odds, colours, plan, longest, fulls, ones, weights, runs, softs):
     """Add a row's sources, as planned, to the row's `runs`, differences, and `softs`. entry: the table's at (dy, 0)."""
     for number in range(groups):
@@ -223,7 +223,7 @@ def _add_sources(table, entry, groups, evens, odds, colours, plan, longest, full
                 right += LANES * WAYS
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _flush(runs, softs, start, first, last, stop, buffer, below, above):
     """Add a row of sums to the buffer, at `below` and `above` unless negative, and make it zero again.
 
@@ -255,7 +255,7 @@ def _flush(runs, softs, start, first, last, stop, buffer, below, above):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _spread(image, signed_radius, area, table, columns, sizes, rows, tile, step, period, steepness):
     """Sums by tiles of `rows` x `tile` sources, (tiles, rows and columns that they reach * WAYS); see `_merge`."""
     height, width, reach_y, reach_x = sizes.height, sizes.width, sizes.reach_y, sizes.reach_x
@@ -313,7 +313,7 @@ def _spread(image, signed_radius, area, table, columns, sizes, rows, tile, step,
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _merge(buffers, height, width, rows, tile, reach_y, reach_x):
     """Sum the buffers that cover each row, in order, and divide: blurred (H, W, COLOURS), total (H, W)."""
     blurred = np.empty((height, width, COLOURS), np.float32)

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit, prange
 
 from dofbench.core.lens import AREA_EPSILON
-from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.kernel_cache import PRANGE, cached, internal
 from dofbench.runtime.simd import any8, select8, splat8
 from dofbench.runtime.simd_functions import floor8, max8, min8, sqrt8
 from dofbench.runtime.simd_memory import load8, store8
@@ -30,14 +30,14 @@ LANES = 8  # number of sources whose soft ends are computed together
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _half_width8(radius, dy):
     """`half_width` for eight lanes."""
     rest = radius * radius - dy * dy
     return select8((radius >= _ZERO) & (rest >= _ZERO), floor8(sqrt8(max8(rest, _ZERO))), -_ONE)
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _soft_ends(weights, slopes, cores, radius, dy, steepness, band, least, farthest):
     """Soft ends of eight sources at row `dy`: weights[8 e + lane] = d_k, slopes likewise d'_k, at k = cores[lane] + e.
 
@@ -67,20 +67,23 @@ def _soft_ends(weights, slopes, cores, radius, dy, steepness, band, least, farth
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _radii(signed_radius):
     """Magnitudes, (H, whole vectors), flat; and each row's largest."""
     height, width = signed_radius.shape
     radii = np.zeros((height, LANES * -(-width // LANES)), np.float32)
     largest = np.empty(height, np.float32)
     for y in prange(height):
-        radii[y, :width] = np.abs(signed_radius[y])
-        largest[y] = radii[y].max()
+        most = np.float32(-np.inf)
+        for x in range(width):
+            radii[y, x] = abs(signed_radius[y, x])
+            most = max(most, radii[y, x])
+        largest[y] = most
     return radii.reshape(-1), largest
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _prefix(gradient, image, blurred, total, pad):
     """Running sums of the gradient with respect to the sums before the division, (H, (W + 2 pad) * WAYS); and a
     correction of D_ii.
@@ -116,7 +119,7 @@ def _prefix(gradient, image, blurred, total, pad):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _gather(image, signed_radius, radii, largest, sums, correction, sizes, steepness, slope, area):
     """Gradients with respect to colour (H, W, COLOURS) and signed radius (H, W). slope: 2 alpha."""
     height, width, reach_y, reach_x = sizes.height, sizes.width, sizes.reach_y, sizes.reach_x

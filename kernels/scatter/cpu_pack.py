@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit, prange
 
 from dofbench.core.lens import AREA_EPSILON, ApertureShape
-from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.kernel_cache import PRANGE, cached, internal
 from dofbench.runtime.simd_functions import exp2_fast8, max8, min8
 
 from .op import COLOURS, STOP_OPACITY
@@ -42,13 +42,13 @@ _ONE = np.float32(1.0)
 _LIMIT = np.float32(100.0)  # 1 / (1 + 2 ** +-100) is 0 or 1 in float32
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def logistic2(x):
     """1 / (1 + 2 ** x), eight lanes."""
     return _ONE / (_ONE + exp2_fast8(max8(min8(x, _LIMIT), -_LIMIT)))
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def half_width(radius, dy):
     """Half of the chord at `dy` from the centre, whole pixels; -1 where the circle doesn't reach that far."""
     rest = radius * radius - np.float32(dy) * np.float32(dy)
@@ -105,7 +105,7 @@ def brightness(image: np.ndarray) -> tuple[float, float]:
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _mean_magnitude(image, limit):
     """Mean of the magnitudes up to `limit`; 0 if there is none."""
     height, width, channels = image.shape
@@ -117,7 +117,11 @@ def _mean_magnitude(image, limit):
                 if not magnitude > limit:
                     sums[y] += magnitude
                     counts[y] += 1
-    return sums.sum() / max(1, counts.sum())
+    total, count = 0.0, 0
+    for y in range(height):
+        total += sums[y]
+        count += counts[y]
+    return total / max(1, count)
 
 
 def geometry(
@@ -167,7 +171,7 @@ def edges(sizes: Geometry, largest: float, alpha: float, shape: ApertureShape) -
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def pack_sources(image, signed_radius, sizes, rational, steepness, base, area):
     """Planes of the sources, flat; and for every block of a row how far its sources reach, (H, stride / BLOCK) pixels.
 

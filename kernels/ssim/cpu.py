@@ -19,7 +19,7 @@ import torch
 from numba import njit, prange
 from torch.autograd.function import once_differentiable
 
-from dofbench.runtime.kernel_cache import cached, cpu_backend
+from dofbench.runtime.kernel_cache import PRANGE, cached, cpu_backend
 
 from . import op
 from .cpu_windows import BAND, build
@@ -110,7 +110,7 @@ def l1_ssim(
 
 
 @cached
-@njit(error_model="numpy", parallel=True)
+@njit(error_model="numpy", parallel=PRANGE)
 def _edges(p, t, weight, channels, sums):
     """Fill sums (H, 2): for each row the weighted |e(x + 1) - e(x)| of its pixels, and |e(y + 1) - e(y)| from this row
     to the next, with e = p - t.
@@ -136,7 +136,7 @@ def _edges(p, t, weight, channels, sums):
 
 
 @cached
-@njit(error_model="numpy", parallel=True)
+@njit(error_model="numpy", parallel=PRANGE)
 def _add_edges_gradient(p, t, weight, channels, scale_across, scale_down, gradient):
     """Add to gradient (H, W channels) that of scale_across times the sum in rows, and scale_down times that in columns,
     by p. The other arguments are those of `_edges`."""

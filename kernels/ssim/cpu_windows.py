@@ -20,7 +20,7 @@ from numba import njit, prange, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.kernel_cache import PRANGE, cached
 
 BAND = 16  # rows of a tile
 _TILE_ROW = 768  # numbers (pixels times channels) in a row of a tile, rounded to whole pixels
@@ -92,7 +92,7 @@ def build(radius: int, channels: int):
     by_row, in_row = stride, step
 
     @cached
-    @njit(error_model="numpy", parallel=True)
+    @njit(error_model="numpy", parallel=PRANGE)
     def forward(p, t, weight, taps_weights, frame_y, frame_x, centre, c1, c2, with_l1, weigh_all, maps, sums):
         """Sum up 1 - S, times the weight if `weigh_all`, and weight |p - t|; write the derivatives of what of S was
         summed up, which `backward` filters.
@@ -186,7 +186,7 @@ def build(radius: int, channels: int):
             sums[b, 1] = sum_l1
 
     @cached
-    @njit(error_model="numpy", parallel=True)
+    @njit(error_model="numpy", parallel=PRANGE)
     def backward(p, t, weight, taps_weights, centre, with_l1, maps, scale, scale_l1, gradient):
         """Fill gradient (H, W C): scale times the derivative of sum S, plus scale_l1 times that of sum weight |p - t|.
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from numba import njit, prange
 
-from dofbench.runtime.kernel_cache import cached, cpu_backend
+from dofbench.runtime.kernel_cache import PRANGE, cached, cpu_backend
 from dofbench.runtime.simd import LANES
 
 from . import op
@@ -32,7 +32,7 @@ def stereo(reference, sources, maps, disparities, radius, best):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _add(scores, coarse, share):
     height, width, count = scores.shape
     low, narrow, few = coarse.shape
@@ -100,7 +100,7 @@ def returns(depth, other, there, back, pixels, share):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _find_returns(depth, other, there, back, pixels, share, found):
     """Set found (H, W), initially False, to True where the other view sees the same surface; there, back: (3, 4)
     float64."""

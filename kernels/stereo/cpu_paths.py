@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.kernel_cache import PRANGE, cached, internal
 from dofbench.runtime.simd import LANES, bits8, lanes8, largest8, select8, splat8
 from dofbench.runtime.simd_functions import abs8, min8
 from dofbench.runtime.simd_memory import load8, store8
@@ -20,7 +20,7 @@ _F = np.float32
 _ZERO, _ONE, _HALF, _INFINITY = _F(0), _F(1), _F(0.5), _F(np.inf)
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _step(before, after, lowest, scores, first, count, small, jump, total, at, add):
     """One step along a path, from the costs `before` of a pixel to the costs `after` of the next; returns the least of
     these.
@@ -38,7 +38,7 @@ def _step(before, after, lowest, scores, first, count, small, jump, total, at, a
     return -largest8(-least)
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _begin(before, after, count):
     """Initial costs, from which `_step` with `lowest` 0 computes the costs of a path's first pixel."""
     before[:] = _INFINITY
@@ -46,14 +46,14 @@ def _begin(before, after, count):
     before[LANES : LANES + count] = _ZERO
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _jump(guide, at, other, small, large, edge):
     value = large / (_ONE + abs(guide[at] - guide[other]) / edge)
     return value if value > small else small
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def along_rows(scores, guide, shape, small, large, edge, left, right, total):
     """Fill total (H, right - left, D) with the costs of both horizontal paths. Arrays are flat, D whole vectors."""
     height, width, count = shape
@@ -77,7 +77,7 @@ def along_rows(scores, guide, shape, small, large, edge, left, right, total):
                 one, two = two, one
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _choose(total, at, count):
     """(fractional plane of least cost, the whole plane, how much more the best plane at a distance from it costs)."""
     least = splat8(_INFINITY)
@@ -101,7 +101,7 @@ def _choose(total, at, count):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def down_columns(scores, guide, shape, known, small, large, edge, left, right, total, plane, score, margin):
     """Add both vertical paths to total (H, right - left, D), and choose. known: number of real planes among D; the
     others are padding."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.kernel_cache import PRANGE, cached, internal
 from dofbench.runtime.simd import LANES, lanes8, select8, splat8
 from dofbench.runtime.simd_functions import floor8, max8, min8, sqrt8
 from dofbench.runtime.simd_memory import gather8, gather_pairs8, load8, store8, store_whole8
@@ -22,7 +22,7 @@ _F = np.float32
 _ZERO, _ONE, _HALF, _INFINITY = _F(0), _F(1), _F(0.5), _F(np.inf)
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _warp(image, height, width, matrix, disparity, top, left, rows, wide, warped, inside, pitch, at, along, down):
     """Fill warped (rows, wide) with the source seen at the plane; row 0 and column 0 are pixel (top, left).
 
@@ -61,7 +61,7 @@ def _warp(image, height, width, matrix, disparity, top, left, rows, wide, warped
             store8(warped, start + column, one + load8(down, column) * (two - one))
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _down(warped, patch, start, pitch, window, wide, sums):
     """Sums over the window's rows from index `start` on of the source, its square and its product with the patch."""
     for column in range(0, wide, LANES):
@@ -78,7 +78,7 @@ def _down(warped, patch, start, pitch, window, wide, sums):
         store8(sums, 2 * pitch + column, mixed)
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _further(warped, patch, start, pitch, window, wide, sums):
     """`_down`, updated from the sums of the row above: the row that leaves the window is subtracted, the new one
     added."""
@@ -92,7 +92,7 @@ def _further(warped, patch, start, pitch, window, wide, sums):
         store8(sums, at, load8(sums, at) + (new * load8(patch, come + column) - old * load8(patch, gone + column)))
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _correlate(sums, pitch, window, width, own, deviation, inside, row, shift, largest, layer, best):
     """Compute the correlation of a row of pixels from the vertical sums of its windows, and insert it among the `best`
     largest."""
@@ -116,7 +116,7 @@ def _correlate(sums, pitch, window, width, own, deviation, inside, row, shift, l
             at += layer
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _mean_of_best(largest, layer, best, first, count, out):
     """Write the mean of the largest scores, of which there may be fewer than `best`, into out, from index `first`
     on."""
@@ -131,7 +131,7 @@ def _mean_of_best(largest, layer, best, first, count, out):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def sweep(reference, sources, maps, disparities, radius, window, best, scores):
     """Fill scores (H, W, D). CENTRE has been subtracted from the images, and the last row and column of the sources are
     repeated once."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.kernel_cache import PRANGE, cached, internal
 from dofbench.runtime.simd import splat8
 from dofbench.runtime.simd_functions import min8
 from dofbench.runtime.simd_memory import load8, store8
@@ -18,7 +18,7 @@ _INFINITY = np.float32(np.inf)
 _LANES = 8
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _least(values):
     whole = values.size - values.size % _LANES
     lanes = splat8(_INFINITY)
@@ -33,7 +33,7 @@ def _least(values):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def disparities(depth, alpha, least_alpha):
     """`reference.surface` of flat arrays."""
     result = np.empty_like(depth)
@@ -49,7 +49,7 @@ def disparities(depth, alpha, least_alpha):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def disparities_gradient(gradient, depth, alpha, least_alpha):
     """By depth, flat."""
     result = np.empty_like(depth)
@@ -59,7 +59,7 @@ def disparities_gradient(gradient, depth, alpha, least_alpha):
     return result
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _clipped(x, least, most):
     # Comparisons with NaN are false, so NaN stays NaN.
     x = least if x < least else x
@@ -67,7 +67,7 @@ def _clipped(x, least, most):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def circles(disparity, slope, offset, low, extent, scale, least, most):
     """`reference.circle` of a flat array."""
     result = np.empty_like(disparity)
@@ -77,7 +77,7 @@ def circles(disparity, slope, offset, low, extent, scale, least, most):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def circles_gradient(gradient, disparity, slope, low, extent, scale, least, most):
     """By disparity, flat; by slope; by offset."""
     result = np.empty_like(disparity)
@@ -100,7 +100,7 @@ def circles_gradient(gradient, disparity, slope, low, extent, scale, least, most
     return result, scale * by_slope, scale * by_offset
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _difference(rendered, known, inverse_extent):
     if inverse_extent == _ZERO:
         return rendered - known
@@ -108,7 +108,7 @@ def _difference(rendered, known, inverse_extent):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def depth_error(depth, alpha, rows, columns, known, shares, weight, least_alpha, inverse_extent, squared):
     """The sum of the samples' errors, that of their shares, and how many lie outside the image, which isn't looked at
     there; see `reference.known_depth`. shares, weight: empty for none. inverse_extent: 0 for errors in scene units."""
@@ -129,8 +129,8 @@ def depth_error(depth, alpha, rows, columns, known, shares, weight, least_alpha,
             error = share * (difference * difference if squared else abs(difference))
             total += float(error * weight[row, column] if weight.size else error)
             counted += float(share)
-        sums[piece, 0] = total
-        sums[piece] = np.array((total, counted, outside))
+        # One by one: a row as an array takes four seconds to compile.
+        sums[piece, 0], sums[piece, 1], sums[piece, 2] = total, counted, outside
     total = counted = outside = 0.0
     for piece in range(pieces):
         total += sums[piece, 0]

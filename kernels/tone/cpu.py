@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from numba import njit, prange
 
-from dofbench.runtime.kernel_cache import cached, cpu_backend
+from dofbench.runtime.kernel_cache import PRANGE, cached, cpu_backend, internal
 from dofbench.runtime.simd import select8
 from dofbench.runtime.simd_functions import exp2_fast8, log2_8, max8, min8
 from dofbench.runtime.simd_memory import load8, store8
@@ -38,7 +38,7 @@ class _Power(torch.autograd.Function):
         return torch.from_numpy(by_values).reshape(gradient.shape), None, None, None
 
 
-@njit(error_model="numpy")
+@internal(error_model="numpy")
 def _power8(x, exponent, toe, line):
     scaled = log2_8(max8(min8(x, _INFINITY), toe)) * exponent
     curve = exp2_fast8(max8(min8(scaled, _LARGEST_EXPONENT), -_LARGEST_EXPONENT))
@@ -48,7 +48,7 @@ def _power8(x, exponent, toe, line):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _power(values, exponent, toe, line):
     result = np.empty_like(values)
     size = values.size
@@ -57,15 +57,18 @@ def _power(values, exponent, toe, line):
         for i in range(task * _CHUNK, min(whole, task * _CHUNK + _CHUNK), _LANES):
             store8(result, i, _power8(load8(values, i), exponent, toe, line))
     # The remaining values use the same vector arithmetic, so that a pixel's result doesn't depend on its place.
+    # Value by value: an array assigned to a slice takes three seconds to compile.
     rest = np.ones(_LANES, np.float32)
-    rest[: size - whole] = values[whole:]
+    for i in range(whole, size):
+        rest[i - whole] = values[i]
     store8(rest, 0, _power8(load8(rest, 0), exponent, toe, line))
-    result[whole:] = rest[: size - whole]
+    for i in range(whole, size):
+        result[i] = rest[i - whole]
     return result
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def _slope(gradient, values, powers, exponent, toe, line):
     result = np.empty_like(gradient)
     for i in prange(values.size):

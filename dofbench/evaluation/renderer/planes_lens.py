@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from dofbench.runtime.kernel_cache import cached
+from dofbench.runtime.kernel_cache import PRANGE, cached, internal
 
 ALL, LOWER_HALF, DISCS, BARS = range(4)
 # Discs: centre as shares of width and height, radius in pixels. Bars: position as share of the width, half width in
@@ -21,7 +21,7 @@ _BARS = np.array(
 )
 
 
-@njit(fastmath=True, error_model="numpy")
+@internal(fastmath=True, error_model="numpy")
 def _cover(stencil, px, py, width, height, cover):
     """Write a stencil's coverage of each position (px, py), 0 ... 1 over one pixel around its edge, to `cover`."""
     n = len(px)
@@ -46,7 +46,7 @@ def _cover(stencil, px, py, width, height, cover):
         cover[c] = min(max(cover[c] + 0.5, 0.0), 1.0)
 
 
-@njit(fastmath=True, error_model="numpy")
+@internal(fastmath=True, error_model="numpy")
 def _add_shifted(picture, period, px0, py0, share, light, row):
     """Add share[c] times the bilinear picture at (px0 + c, py0) to light[:, row, c]."""
     left, top = math.floor(px0), math.floor(py0)
@@ -61,7 +61,7 @@ def _add_shifted(picture, period, px0, py0, share, light, row):
             into[c] += share[c] * (above * (one - lower) + beneath * lower)
 
 
-@njit(fastmath=True, error_model="numpy")
+@internal(fastmath=True, error_model="numpy")
 def _add_sampled(picture, period, px, py, share, light, row):
     """Add share[c] times the bilinear picture at (px[c], py[c]) to light[:, row, c]."""
     for c in range(len(share)):
@@ -78,7 +78,7 @@ def _add_sampled(picture, period, px, py, share, light, row):
 
 
 @cached
-@njit(parallel=True, error_model="numpy")
+@njit(parallel=PRANGE, error_model="numpy")
 def add_views(pictures, period, stencils, radii, points, light, front):
     """Add each pixel's light from each aperture sample to `light`, (2, 3, H, W): even samples to the first half.
 
