@@ -17,6 +17,7 @@ from dofbench.datasets.format.schema import MANIFEST
 from dofbench.datasets.synthesis import builtin_folder, make_dataset
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.evaluation.results.collecting import collect
+from dofbench.running.compiling import start_compiling
 from dofbench.running.convergence import converge_all
 from dofbench.running.load_run import LoadedRun, load_run
 from dofbench.running.matrix import run_all
@@ -39,6 +40,7 @@ def run_methods(settings: Runs, console: Console | None = None, executor: Execut
             say(console, f"would first make the built-in dataset in {builtin_folder()}; the plan depends on it")
             return True
         say(console, f"making the built-in dataset in {builtin_folder()}")
+        _start_compiling(settings)
         make_dataset(MakeDataset(out=builtin_folder()))
     make = converge_all if settings.converge else run_all
     return make(settings, builtin_folder(), console, executor)
@@ -61,6 +63,7 @@ def _run_photographs(settings: Runs, source: Path, console: Console, executor: E
         say(console, line)
     if settings.dry_run:
         return True
+    _start_compiling(settings)
     data = dataset_of_photographs(own, settings.width, console)
     if data is None:
         return False
@@ -72,6 +75,14 @@ def _run_photographs(settings: Runs, source: Path, console: Console, executor: E
         shown = own_page(run, own.place / "page", own.place / "report" / "report.html", Terminal())
         say(console, f"page, film and model: {shown}")
     return done and bool(page)
+
+
+def _start_compiling(settings: Runs) -> None:
+    """While the dataset is made, compile what the run will need; runs of a matrix have processes of their own."""
+    cells = settings.cells()
+    if len(cells) == 1 and settings.on == "here":
+        chosen = choose(cells[0])
+        start_compiling(chosen.entry, chosen.device)
 
 
 def _first_good_run(results: Path, methods: Sequence[str]) -> LoadedRun | None:

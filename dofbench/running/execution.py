@@ -17,7 +17,6 @@ from dofbench.core.clock import StageTimes, loading, planning, timestamp
 from dofbench.core.contracts import LENS_MEASURED, Decision, FitOutcome, Method, Resumes, TrainingSet
 from dofbench.core.errors import InputError, Status, interruption
 from dofbench.core.files import read_json, refuse_links_outside, sha256_file, write_json
-from dofbench.core.images import resize
 from dofbench.core.jobs import Outcome
 from dofbench.core.progress import Progress, say
 from dofbench.datasets.format.dataset import Dataset
@@ -43,6 +42,7 @@ from dofbench.evaluation.scoring.evaluate import Evaluation, Evaluator
 from dofbench.evaluation.scoring.held_out_scores import held_out_scores
 from dofbench.methods.cards import MethodEntry, find_method
 from dofbench.running.checkpoints import Checkpoints
+from dofbench.running.compiling import miniature, start_compiling
 from dofbench.running.data_plan import revised
 from dofbench.running.failures import classify
 from dofbench.running.observer import OneStep, TrainingObserver
@@ -50,6 +50,7 @@ from dofbench.running.plan import Plan
 from dofbench.running.show_result import show_cached, show_log, show_result
 from dofbench.running.snapshots import SNAPSHOT_FOLDER, Snapshots
 from dofbench.running.training_log import LOG_FOLDER, TensorBoardLog, write_log
+from dofbench.runtime.compilation import compile_all
 from dofbench.runtime.device_host import feeding
 from dofbench.runtime.freed_memory import keep_freed_memory
 from dofbench.runtime.supervised import on_death, supervised
@@ -57,7 +58,6 @@ from dofbench.runtime.supervised import on_death, supervised
 IMPORT, PLAN, WARM_UP, TRAIN = "import", "plan", "warm up", "train"
 TRAINED_FILE = "trained.json"
 _SPENT = ("train_s", "train_cpu_s", "cold_start_s", "peak_mb")
-_WIDEST = 96  # pixels of the warm-up's images: enough to run every kernel, too few to spend time on
 
 
 def execute(plan: Plan, console: Console, progress: Progress) -> Outcome:
@@ -78,6 +78,7 @@ def execute(plan: Plan, console: Console, progress: Progress) -> Outcome:
             (plan.folder / TRAINED_FILE).unlink(missing_ok=True)
             show_cached(console, plan, earlier)
             return Outcome(plan.name, folder=plan.folder, status=earlier.status, reused=True)
+        start_compiling(entry, plan.spec.device)
         with loading.running():
             method = entry.create(dict(plan.spec.options), plan.spec.seed, plan.spec.device)
         stages = StageTimes()
@@ -267,6 +268,7 @@ class Execution:
             # Kernels compile at their first call, for a minute or for none, as their cache has it. A first
             # step that isn't counted keeps that out of the training time, and of a budget in seconds.
             self.method.fit(miniature(training_set), Budget(steps=1), OneStep())
+            compile_all((), self.spec.device)  # ends what a method that doesn't ask for it has left in the background
         self._use(self.entry.create(dict(self.spec.options), self.spec.seed, self.spec.device))
 
     def _use(self, method: Method) -> None:
@@ -430,21 +432,6 @@ class Execution:
             machine=provenance.machine(self.spec.device),
             packages=provenance.package_versions(),
         )
-
-
-def miniature(training_set: TrainingSet) -> TrainingSet:
-    """The training set with images of at most 96 pixels a side, and cameras to match, for the warm-up.
-
-    Kernels compile for types, not for sizes, so they compile as training needs them, while work on the images before
-    the first step (a depth prior) costs next to nothing.
-    """
-    views = []
-    for view in training_set.views:
-        share = min(1.0, _WIDEST / max(view.camera.width, view.camera.height))
-        width, height = (max(1, round(side * share)) for side in (view.camera.width, view.camera.height))
-        image = resize(view.image, width, height)
-        views.append(replace(view, camera=view.camera.resized(width, height), image=image, mask=None))
-    return replace(training_set, views=tuple(views))
 
 
 def kernels_compiled() -> int:

@@ -66,7 +66,7 @@ def test_kernels_are_compiled_before_the_clock_starts(
     kind: str, expected: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[str] = []
-    monkeypatch.setattr(field_trainer, "warm_up", lambda op, device: asked.append(op))
+    monkeypatch.setattr(field_trainer, "compile_all", lambda ops, device: asked.extend(ops))
 
     class Watching(Recorder):
         def after_step(self, step: int, loss: float) -> bool:

@@ -1,10 +1,6 @@
-"""Compiling with a second process leaves this one as it was."""
+"""What is compiled before a training of Gaussians."""
 
 from __future__ import annotations
-
-import gc
-import sys
-from collections.abc import Iterator
 
 import pytest
 from made_up import Recorder, cloud, frontal
@@ -18,44 +14,36 @@ from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.model import Gaussians
 
 
-@pytest.fixture
-def collecting() -> Iterator[None]:
-    """The garbage collector as it was, whatever a test did to it."""
-    before = gc.isenabled()
-    yield
-    (gc.enable if before else gc.disable)()
-
-
-@pytest.mark.parametrize("enabled", [True, False])
-def test_the_garbage_collector_rests_while_compiling_and_is_then_as_before(
-    enabled: bool, collecting: None, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({}, ["rasterize", "ssim", "surface", "tone", "scatter"]),
+        ({"lens": False}, ["rasterize", "ssim", "surface"]),
+        ({"lens": False, "colour_per_view": "affine"}, ["rasterize", "ssim", "surface", "colours"]),
+        ({"lens": False, "depth_prior": "stereo"}, ["rasterize", "stereo", "ssim", "surface"]),
+    ],
+)
+def test_the_kernels_of_the_training_are_compiled_before_it(
+    options: dict[str, object], expected: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    during = []
-    monkeypatch.setattr(sys, "executable", "true")  # the other process has nothing to do
-    monkeypatch.setattr(warmup, "is_warm", lambda op, device="cpu": False)
-    monkeypatch.setattr(warmup, "_rasterise_once", lambda *_: during.append((gc.isenabled(), _[-1])))
-    (gc.enable if enabled else gc.disable)()
-    points = cloud([(0, 0, 2.0), (0, 1, 2.0), (1, 0, 2.0), (1, 1, 2.0)])
-    later = ("full", "depth", "none")
-    warmup.compile_kernels(Gaussians.from_points(points, 0), frontal(4, 4, 4.0), GaussianOptions(), later, False)
-    assert gc.isenabled() is enabled
-    # The geometry of every training first, beside the other process; then what else comes up, each once.
-    assert during[0] == (False, "depth") and {geometry for _, geometry in during[1:]} == {"full", "none"}
-    assert len(during) == 3
-
-
-@pytest.mark.parametrize(("lens", "expected"), [(True, ["scatter", "tone"]), (False, [])])
-def test_a_kernel_that_alone_is_cold_is_compiled_before_training(
-    lens: bool, expected: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Otherwise its compilation would count as training."""
+    """Otherwise their compilation would count as training."""
     compiled: list[str] = []
-    monkeypatch.setattr(warmup, "is_warm", lambda op, device="cpu": op not in ("scatter", "tone"))
-    monkeypatch.setattr(warmup, "warm_up", lambda op, device: compiled.append(op))
-    points = cloud([(0, 0, 2.0), (0, 1, 2.0), (1, 0, 2.0), (1, 1, 2.0)])
-    options = GaussianOptions.of(lens=lens)
-    warmup.compile_kernels(Gaussians.from_points(points, 0), frontal(4, 4, 4.0), options, (), False)
+    monkeypatch.setattr(warmup, "compile_all", lambda ops, device: compiled.extend(ops))
+    warmup.compile_kernels(_gaussians(), frontal(4, 4, 4.0), GaussianOptions.of(**options), (), False)
     assert compiled == expected
+
+
+def test_each_other_geometry_is_rasterised_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    found: list[object] = []
+    monkeypatch.setattr(warmup, "compile_all", lambda ops, device: None)
+    monkeypatch.setattr(warmup, "_rasterise_once", lambda *given: found.append(given[-1]))
+    later = ("full", "depth", "none", "full")
+    warmup.compile_kernels(_gaussians(), frontal(4, 4, 4.0), GaussianOptions(), later, False)
+    assert sorted(map(str, found)) == ["full", "none"]
+
+
+def _gaussians() -> Gaussians:
+    return Gaussians.from_points(cloud([(0, 0, 2.0), (0, 1, 2.0), (1, 0, 2.0), (1, 1, 2.0)]), 0)
 
 
 @pytest.mark.parametrize(
@@ -88,8 +76,7 @@ def test_gradients_by_absolute_values_are_compiled_where_density_control_asks_fo
 
     monkeypatch.setattr(warmup, "rasterise", rasterise)
     monkeypatch.setattr(warmup, "rasterise_from_points", rasterise)
-    points = cloud([(0, 0, 2.0), (0, 1, 2.0), (1, 0, 2.0), (1, 1, 2.0)])
-    monkeypatch.setattr(warmup, "is_warm", lambda op, device="cpu": True)
+    monkeypatch.setattr(warmup, "compile_all", lambda ops, device: None)
     options = GaussianOptions.of(grow_absolute=absolute)
-    warmup.compile_kernels(Gaussians.from_points(points, 0), frontal(4, 4, 4.0), options, ("full",), True)
+    warmup.compile_kernels(_gaussians(), frontal(4, 4, 4.0), options, ("full",), True)
     assert asked == [absolute, absolute]

@@ -19,8 +19,8 @@ from dofbench.evaluation.scoring.evaluate import Evaluation, Evaluator
 from dofbench.evaluation.scoring.ground_truth import photograph_columns
 from dofbench.methods.cards import find_method
 from dofbench.methods.stages.facts import facts_of
+from dofbench.running.compiling import miniature
 from dofbench.running.data_plan import plan_for_data
-from dofbench.running.execution import miniature
 from dofbench.running.observer import OneStep
 
 EVERY = tuple(f"v{index}" for index in range(6))

@@ -12,7 +12,7 @@ from tolerances import FLOAT32_SCALAR
 
 from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
-from dofbench.running.execution import miniature
+from dofbench.running.compiling import miniature
 from dofbench.running.observer import OneStep
 from dofbench.training.common.depth import DepthMap, sparse_depth
 from dofbench.training.common.priors import DensePrior, make_prior, with_points_behind, with_surface_points

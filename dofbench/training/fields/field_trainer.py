@@ -14,8 +14,8 @@ from torch import Tensor
 from dofbench.core.budget import Budget
 from dofbench.core.contracts import FitOutcome, NonFinite, Observer, TrainingSet
 from dofbench.core.errors import InputError, Status
+from dofbench.runtime.compilation import compile_all
 from dofbench.runtime.devices import kind_of
-from dofbench.runtime.ops import warm_up
 from dofbench.training.common.monitor import NonFiniteError, Place, ReportedLoss, StageClock, Watch
 from dofbench.training.common.pace import Pace
 from dofbench.training.common.photograph_colours import LearnedColours
@@ -74,8 +74,7 @@ class FieldTrainer:
 
     def fit(self, budget: Budget, observer: Observer) -> FitOutcome:
         """Train until the budget or the observer ends it. A non-finite value ends with the status "diverged"."""
-        for op in sorted({"adam", "field", *self._model.kernels}):
-            warm_up(op, kind_of(self._device))
+        compile_all(sorted({"adam", "field", *self._model.kernels}), kind_of(self._device))
         pace = self._pace = Pace(budget, self._options.rays.steps, observer.seconds)
         probe = partial(self._time_of_a_step, observer)
         event: NonFinite | None = None

@@ -1,28 +1,19 @@
-"""JIT compilation on two cores: a second process compiles the kernels of lens and loss, this one the rasteriser.
-
-Numba holds one lock while it compiles, so threads wouldn't help. The code comes back through the cache on disk; if it
-is there already, no process is started.
-"""
+"""JIT compilation before training: the kernels of rasteriser, lens, loss and depth prior."""
 
 from __future__ import annotations
 
 import contextlib
-import gc
-import subprocess
-import sys
 from collections.abc import Collection, Sequence
 
 import numpy as np
 import torch
 
 from dofbench.core.cameras import Camera
-from dofbench.runtime.ops import is_warm, warm_up
+from dofbench.runtime.compilation import compile_all
 from dofbench.runtime.raster import GEOMETRIES, Geometry, ViewStatistics
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.model import Gaussians
 from dofbench.training.gaussians.render import rasterise, rasterise_from_points
-
-_PATIENCE = 300.0  # seconds to wait for the other process; after that this process compiles all kernels itself
 
 
 def compile_kernels(
@@ -39,20 +30,16 @@ def compile_kernels(
     samples. more: further ops of the steps.
     """
     device = gaussians.parameters["means"].device.type
-    affine = options.colours.colour_per_view == "affine"
     called = (
+        "rasterize",
+        *(("stereo",) if options.prior.matches_views else ()),
         "ssim",
         "surface",
-        *(("scatter", "tone") if options.lens.lens else ()),
-        *(("colours",) if affine else ()),
+        *(("colours",) if options.colours.colour_per_view == "affine" else ()),
         *more,
+        *(("tone", "scatter") if options.lens.lens else ()),
     )
-    others = [op for op in called if not is_warm(op, device)]
-    if device == "cpu" and not is_warm("rasterize"):
-        _compile_side_by_side(gaussians, camera, options, others)
-    else:
-        for op in others:
-            warm_up(op, device)
+    compile_all(called, device)
     for geometry in GEOMETRIES:
         if geometry != "depth" and geometry in later:
             _rasterise_once(gaussians, camera, options, geometry)
@@ -77,30 +64,3 @@ def _rasterise_once(gaussians: Gaussians, camera: Camera, options: GaussianOptio
         raster = rasterise(gaussians, camera, options.appearance, geometry=geometry, statistics=statistics)
         total = torch.stack([output.sum() for output in raster if output is not None]).sum()
         torch.autograd.grad(total, list(gaussians.parameters.values()), allow_unused=True)
-
-
-def _compile_side_by_side(
-    gaussians: Gaussians, camera: Camera, options: GaussianOptions, others: Sequence[str]
-) -> None:
-    command = [sys.executable, "-P", "-m", "dofbench.training.gaussians.warmup", *others]
-    # The garbage collector would take a tenth of the compile time, for nothing.
-    collecting = gc.isenabled()
-    with subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    ) as other:
-        try:
-            gc.disable()
-            _rasterise_once(gaussians, camera, options, "depth")
-            other.wait(_PATIENCE)
-        except subprocess.TimeoutExpired:
-            pass  # training itself compiles whatever is missing
-        finally:
-            other.kill()
-            if collecting:
-                gc.enable()
-
-
-if __name__ == "__main__":
-    gc.disable()
-    for op in sys.argv[1:]:
-        warm_up(op)

@@ -55,6 +55,11 @@ class PriorOptions:
             if getattr(self, name) < 0:
                 raise InputError(f"option {name}", f"{getattr(self, name):g}", "at least 0")
 
+    @property
+    def matches_views(self) -> bool:
+        """Whether the prior needs stereo on the views."""
+        return self.depth_prior in ("stereo", "tuned") and not self.depth_prior_workspace
+
 
 class Prior(Protocol):
     """Known depth of every training view, such as `SparsePrior` and `DensePrior`."""
