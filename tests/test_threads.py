@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dofbench.runtime.threads import available_cores, configure_threads
+from dofbench.runtime.threads import available_cores, configure_processor, configure_threads
 
 
 @pytest.fixture
@@ -44,3 +44,18 @@ def test_the_users_word_holds(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
     configure_threads()
     assert os.environ["NUMBA_NUM_THREADS"] == "1"
+
+
+@pytest.mark.parametrize(
+    ("named", "features", "expected"),
+    [("x86-64-v3", None, ""), ("x86-64-v3", "+avx512f", "+avx512f"), (None, None, None), ("", None, None)],
+)
+def test_a_named_processor_has_no_features_of_this_machine(
+    named: str | None, features: str | None, expected: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in (("NUMBA_CPU_NAME", named), ("NUMBA_CPU_FEATURES", features)):
+        monkeypatch.setenv(name, value or "")  # so that it is as before afterwards, whatever is set below
+        if value is None:
+            monkeypatch.delenv(name)
+    configure_processor()
+    assert os.environ.get("NUMBA_CPU_FEATURES") == expected

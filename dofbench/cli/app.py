@@ -81,6 +81,9 @@ COMMANDS = {
         "Score finished runs again, or by further metrics.", "cli.small_commands:Score", "cli.small_commands:score"
     ),
     "check": Command("Verify a dataset or results.", "cli.small_commands:Check", "cli.small_commands:check"),
+    "warm-up": Command(
+        "Compile kernels before the first run: for containers and jobs.", "cli.warm_up:WarmUp", "cli.warm_up:warm_up"
+    ),
     "validate-renderer": Command(
         "Compare the renderers with thin-lens images and light fields.",
         "evaluation.renderer.validation_options:ValidateRenderer",
@@ -176,9 +179,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         width = max(map(len, COMMANDS))
         print(_HELP.format(commands="\n".join(f"  {name:{width}}  {one.summary}" for name, one in COMMANDS.items())))
         return DONE
-    from dofbench.runtime.threads import configure_threads
+    from dofbench.runtime.threads import configure_processor, configure_threads
 
     configure_threads()
+    configure_processor()
     try:
         with _signals_as_exceptions():
             _check_utf8(arguments)

@@ -1,4 +1,5 @@
-"""How many threads the numerical libraries may use: as many as this process has cores, unless the user sets it."""
+"""What the numerical libraries may use: as many threads as this process has cores, and which processor's instructions,
+unless the user sets it."""
 
 from __future__ import annotations
 
@@ -29,6 +30,15 @@ def configure_threads() -> None:
     # default, on the cores that the other runtime needs next: with other work on the machine a training step took 4
     # times as long, and some never ended. With PASSIVE they sleep, which costs microseconds.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+
+def configure_processor() -> None:
+    """Compile kernels for the processor in NUMBA_CPU_NAME alone, where the user names one (x86-64-v3).
+
+    Without NUMBA_CPU_FEATURES numba would add the features of this machine, and the code run on no other.
+    """
+    if os.environ.get("NUMBA_CPU_NAME"):
+        os.environ.setdefault("NUMBA_CPU_FEATURES", "")
 
 
 def _cgroup_quota(cgroup: Path) -> float | None:
