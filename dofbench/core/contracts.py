@@ -17,6 +17,7 @@ from dofbench.core.image_files.exif import Exif
 from dofbench.core.images import check_floats
 from dofbench.core.lens import PhysicalLens
 from dofbench.core.masks import filled
+from dofbench.core.stored_image import StoredField, StoredImage
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +92,9 @@ class PointCloud:
 class TrainingView:
     """One training photograph: image (H, W, 3) float32, encoded, [0, 1]. exif: what its camera wrote down, if any.
 
+    An image of an 8-bit file is kept as its levels: each access to `image` makes the same floats anew, so read it once
+    where it is used, and never hold all views' at once. stored: what is kept.
+
     mask: (H, W) bool, True for the pixels to train on; None where all are. Masked pixels of `image` are replaced by
     their nearest valid ones, so a method never receives what was under a mask. Raises ValueError for an image that
     isn't floats, and for a mask of another size or without a valid pixel.
@@ -98,23 +102,31 @@ class TrainingView:
 
     name: str
     camera: Camera
-    image: np.ndarray
+    image: np.ndarray = StoredField()  # type: ignore[assignment]  # the descriptor reads as the image
     exif: Exif | None = None
     mask: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        check_floats(f"image of view {self.name}", self.image)
+        if self.stored.table is None:  # levels come from floats
+            check_floats(f"image of view {self.name}", self.image)
         if self.mask is None:
             return
-        mask = np.asarray(self.mask, bool)
-        if mask.shape != self.image.shape[:2] or not mask.any():
-            found = "no valid pixel" if mask.shape == self.image.shape[:2] else f"shape {mask.shape}"
-            raise ValueError(f"mask of view {self.name}: expected valid pixels, {self.image.shape[:2]}, found {found}")
+        mask, size = np.asarray(self.mask, bool), self.stored.values.shape[:2]
+        if mask.shape != size or not mask.any():
+            found = "no valid pixel" if mask.shape == size else f"shape {mask.shape}"
+            raise ValueError(f"mask of view {self.name}: expected valid pixels, {size}, found {found}")
         object.__setattr__(self, "mask", None if mask.all() else mask)
-        object.__setattr__(self, "image", filled(self.image, mask))
+        if self.mask is not None:
+            object.__setattr__(self, "image", filled(self.image, mask))
+
+    @property
+    def stored(self) -> StoredImage:
+        """The image as it is kept."""
+        found: StoredImage = vars(self)["image"]
+        return found
 
     def __repr__(self) -> str:
-        height, width = self.image.shape[:2]
+        height, width = self.stored.values.shape[:2]
         masked = "" if self.mask is None else ", masked"
         return f"TrainingView({self.name!r}, {width} x {height} px{masked})"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,24 @@ from dofbench.core.images import write_grey_png
 _JPEG_VALID = 128
 # Least alpha of an opaque pixel: half a level of 16 bits below 1.
 _OPAQUE = 1 - 0.5 / 65535
+
+
+@dataclass(frozen=True, eq=False)
+class PackedMask:
+    """A mask of one bit a pixel: bits, (ceil(H W / 8),) uint8."""
+
+    bits: np.ndarray
+    shape: tuple[int, int]
+
+    @staticmethod
+    def of(mask: np.ndarray) -> PackedMask:
+        """Pack a mask, (H, W) bool."""
+        return PackedMask(np.packbits(mask), (mask.shape[0], mask.shape[1]))
+
+    def bools(self) -> np.ndarray:
+        """The mask, (H, W) bool."""
+        height, width = self.shape
+        return np.unpackbits(self.bits, count=height * width).view(bool).reshape(height, width)
 
 
 def read_mask(path: Path) -> np.ndarray:

@@ -312,13 +312,8 @@ class Dataset:
         """
         if not 0 < share < 1:
             raise ValueError(f"held-out pixels: expected a share between 0 and 1, found {share}")
-        found = {}
-        for number, view in enumerate(self.training_views()):
-            mask, (height, width) = self.mask(view), (view.camera.height, view.camera.width)
-            valid = np.ones((height, width), bool) if mask is None else mask
-            tiles = held_out_tiles(height, width, share, _HELD_OUT_SEED, number) & valid
-            found[view.name] = tiles if (valid & ~tiles).any() else np.zeros_like(tiles)
-        return found
+        views = self.training_views()
+        return {view.name: _held_out(view, number, self.mask(view), share) for number, view in enumerate(views)}
 
     def training_set(self, inputs: Inputs = "shallow", *, held_out: float = 0.0) -> TrainingSet:
         """All that a method may see: training photographs, their cameras, `training_points`; no lens, no depth, no
@@ -336,19 +331,29 @@ class Dataset:
             raise InputError(self.folder, found, "one of each for --inputs all-in-focus")
         read = self.image if inputs == "shallow" else self.all_in_focus
         views, masks = [], []
-        held = self.held_out(held_out) if held_out > 0 else {}
-        for view in self.training_views():
+        if not 0 <= held_out < 1:
+            raise ValueError(f"held-out pixels: expected a share from 0 to below 1, found {held_out}")
+        for number, view in enumerate(self.training_views()):
             image, mask = read(view), self.mask(view)
             assert image is not None
             masks.append(mask)
-            if view.name in held:
-                mask = ~held[view.name] if mask is None else mask & ~held[view.name]
+            if held_out > 0:
+                held = _held_out(view, number, mask, held_out)
+                mask = ~held if mask is None else mask & ~held
             views.append(TrainingView(view.name, view.camera, image, view.exif, mask))
         cameras = [view.camera for view in views]
         return TrainingSet(tuple(views), unmasked_points(self.training_points(), cameras, masks), self.offset)
 
     def _view(self, view: BenchmarkView | str) -> BenchmarkView:
         return self.view(view) if isinstance(view, str) else view
+
+
+def _held_out(view: DatasetView, number: int, mask: np.ndarray | None, share: float) -> np.ndarray:
+    """(H, W) bool: a training view's held-out pixels; none where all its other pixels are masked."""
+    height, width = view.camera.height, view.camera.width
+    valid = np.ones((height, width), bool) if mask is None else mask
+    tiles = held_out_tiles(height, width, share, _HELD_OUT_SEED, number) & valid
+    return tiles if (valid & ~tiles).any() else np.zeros_like(tiles)
 
 
 def _check_files(folder: Path, manifest: Manifest) -> None:

@@ -19,6 +19,7 @@ from dofbench.core.images import from_8bit, to_8bit, write_png
 from dofbench.core.lens import DisparityRange, Lens, PhysicalLens
 from dofbench.core.progress import Update, silent
 from dofbench.core.similarity import unmasked
+from dofbench.core.stored_image import StoredImage
 from dofbench.datasets.format.benchmark_dataset import BenchmarkDataset, BenchmarkView
 from dofbench.evaluation.metrics import score_image
 from dofbench.evaluation.metrics.depth_errors import disparity_error, relative_error
@@ -117,7 +118,7 @@ class Evaluator:
         self._columns, self._left_out = columns, left_out
         self._test = dataset.test_views()
         self._train = dataset.training_views()
-        self._truth: dict[tuple[Kind, str], np.ndarray] = {}
+        self._truth: dict[tuple[Kind, str], StoredImage] = {}
         self._masks: dict[str, np.ndarray | None] = {}
         self._pixels = ScoredPixels(dataset)
         self._refused: str | None = None
@@ -378,8 +379,8 @@ class Evaluator:
             read = self._dataset.all_in_focus if kind == "all_in_focus" else self._dataset.image
             image = read(view)
             assert image is not None
-            self._truth[key] = image
-        return self._truth[key]
+            self._truth[key] = StoredImage.of(image)
+        return self._truth[key].floats()
 
     def _mask(self, view: BenchmarkView) -> np.ndarray | None:
         if view.name not in self._masks:

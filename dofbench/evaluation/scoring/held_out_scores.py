@@ -24,11 +24,11 @@ def held_out_scores(
     """
     if not isinstance(method, PredictsPhotographs):
         return {}, dict.fromkeys(HELD_OUT_SCORES, NO_PREDICTION)
-    images = {view.name: view.image for view in dataset.training_set(inputs).views}
+    views = {view.name: view for view in dataset.training_set(inputs).views}
     pairs = []
     for name, pixels in dataset.held_out(share).items():
         if pixels.any():
-            prediction, image = method.predict_photograph(name, pixels), images[name]
+            prediction, image = method.predict_photograph(name, pixels), views[name].image
             pairs.append(tile_scores(np.where(pixels[..., None], prediction.clip(0, 1), image), image, pixels))
     if not pairs:
         return {}, dict.fromkeys(HELD_OUT_SCORES, "no view has pixels to hold out")

@@ -43,10 +43,12 @@ def facts_of(training_set: TrainingSet, *, one_lens: bool | None) -> Facts:
     if points is None or not len(points):
         return Facts(0, None, None, one_lens, light_spread=light, f_numbers=numbers)
     seen = [visible(points, view.camera, index).within(view.mask) for index, view in enumerate(training_set.views)]
-    images = [view.image for view in training_set.views]
-    shown = point_colours(images, seen)
+    views = training_set.views
+    shown = point_colours((view.image for view in views), seen)
     dependence, spread = (None, None) if shown is None else (view_dependence(*shown), colour_spread(shown[0]))
-    return Facts(len(points), largest_blur(images, seen), dependence, one_lens, spread, light, numbers)
+    return Facts(
+        len(points), largest_blur((view.image for view in views), seen), dependence, one_lens, spread, light, numbers
+    )
 
 
 def _comparable(exif: Sequence[Exif | None]) -> bool:

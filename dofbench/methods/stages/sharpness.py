@@ -8,7 +8,7 @@ is smooth by itself looks blurred too, which is why only the sharpest of many po
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -22,7 +22,7 @@ OWN_SOFTNESS = 0.7  # px: lens, sensor and scaling blur a photograph in focus by
 WIDEST = 0.75  # quantile over the views: some may see only things that are in focus
 
 
-def largest_blur(images: Sequence[np.ndarray], seen: Sequence[Seen]) -> float | None:
+def largest_blur(images: Iterable[np.ndarray], seen: Sequence[Seen]) -> float | None:
     """Radius in pixels of the largest circle of confusion that the photographs show; None where they don't tell.
 
     images: (H, W, 3) encoded. Good to about half a pixel: photographs in focus give up to 0.6.
@@ -32,7 +32,7 @@ def largest_blur(images: Sequence[np.ndarray], seen: Sequence[Seen]) -> float | 
         return None
     near, far = np.quantile(disparity, (0.99, 0.01))
     extent = max(near - far, np.finfo(float).tiny)
-    sharpest = np.full((len(images), DEPTHS), np.nan)
+    sharpest = np.full((len(seen), DEPTHS), np.nan)
     for row, image, view in zip(sharpest, images, seen, strict=True):
         deviation = blur_deviation(np.asarray(image, np.float64) @ LUMA)
         found = deviation[view.xy[:, 1].astype(int), view.xy[:, 0].astype(int)]

@@ -7,7 +7,7 @@ it is largest count, since a scene with one glossy thing needs view-dependent co
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -22,7 +22,7 @@ MOST_POINTS = 20000  # are looked at, evenly chosen
 LARGEST = 0.95  # quantile over the points
 
 
-def point_colours(images: Sequence[np.ndarray], seen: Sequence[Seen]) -> tuple[np.ndarray, np.ndarray] | None:
+def point_colours(images: Iterable[np.ndarray], seen: Sequence[Seen]) -> tuple[np.ndarray, np.ndarray] | None:
     """What the views show of the points: colours (V, P, 3), encoded, and the image's slope around each (V, P).
 
     images: (H, W, 3) encoded. NaN where a view doesn't see a point; at most MOST_POINTS points. None without points.
@@ -34,8 +34,8 @@ def point_colours(images: Sequence[np.ndarray], seen: Sequence[Seen]) -> tuple[n
         return None
     stride = -(-count // MOST_POINTS)
     count = -(-count // stride)
-    colours = np.full((len(images), count, 3), np.nan, np.float32)
-    slopes = np.full((len(images), count), np.nan, np.float32)
+    colours = np.full((len(seen), count, 3), np.nan, np.float32)
+    slopes = np.full((len(seen), count), np.nan, np.float32)
     for number, (image, view) in enumerate(zip(images, seen, strict=True)):
         smooth = gaussian_filter(np.asarray(image, np.float32), (SMOOTHED, SMOOTHED, 0))
         down, along = np.gradient(smooth, axis=(0, 1))

@@ -30,13 +30,13 @@ def reproduction(views: Sequence[TrainingView], render: Callable[[int], np.ndarr
     """Compare every training photograph with its rendering. render: (H, W, 3) encoded, of a view by its number."""
     psnr, detail = [], []
     for number, view in enumerate(views):
-        rendered = np.clip(render(number), 0.0, 1.0)
+        rendered, image = np.clip(render(number), 0.0, 1.0), view.image
         used = np.ones(rendered.shape[:2], bool) if view.mask is None else view.mask
         if not used.any():
             continue
-        error = float(np.mean(np.square(rendered.astype(float) - view.image)[used]))
+        error = float(np.mean(np.square(rendered.astype(float) - image)[used]))
         psnr.append(-10 * math.log10(max(error, (0.1 / 255) ** 2)))
-        detail.append(10 * math.log10(_energy(rendered, used) / _energy(view.image, used)))
+        detail.append(10 * math.log10(_energy(rendered, used) / _energy(image, used)))
     return Reproduction(float(np.mean(psnr)), float(np.median(detail)))
 
 
