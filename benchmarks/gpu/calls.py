@@ -113,7 +113,8 @@ def surface(size: Size) -> Call:
 def known_depth(size: Size) -> Call:
     """The error of a depth that is known in every pixel, in disparity."""
     random = torch.Generator().manual_seed(6)
-    pixels, count = torch.arange(size.width * size.height), size.width * size.height
+    count = size.width * size.height
+    pixels = torch.arange(count, dtype=torch.int32)
     known, shares = 1 + torch.rand(count, generator=random), torch.rand(count, generator=random)
     samples = pixels // size.width, pixels % size.width, known, shares
     error = load("surface", function="known_depth")

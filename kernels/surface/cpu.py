@@ -104,7 +104,7 @@ def _flat(tensor: Tensor) -> np.ndarray:
 
 def _warm_up() -> None:
     depth, alpha = torch.ones(4, 4, requires_grad=True), torch.ones(4, 4)
-    slope, at = torch.ones((), requires_grad=True), torch.arange(4)
+    slope, at = torch.ones((), requires_grad=True), torch.arange(4, dtype=torch.int32)
     radius = op.circle(op.surface(depth, alpha, 0.1), slope, 0.0, low=0.0, extent=1.0, scale=1.0)
     samples = at, at, torch.ones(4), None, None
     error = op.known_depth(depth, alpha, *samples, most=1, least_alpha=0.1, extent=1.0, squared=False)

@@ -63,12 +63,12 @@ def known_depth(
     """The mean error of rendered depth over the samples of known depth whose pixel has a surface; 0 where none has.
 
     depth: (H, W) z, scene units. alpha: (H, W) accumulated opacity; a pixel has a surface if it is more than
-    `least_alpha`. rows, columns: (M,) int64, the samples' pixels, in the order of rows, then columns. known: (M,) z.
-    shares: (M,) how much each counts in the mean, or None for equal shares. weight: (H, W), a factor on the error which
-    the mean isn't divided by, or None. most: samples in one pixel, at most; a GPU needs it. extent: None for an error
-    in scene units; else that of the disparity, in units of `extent`. squared: whether the error is squared, else its
-    absolute value is taken. Differentiable with respect to depth. Raises IndexError on the CPU for samples outside
-    the image.
+    `least_alpha`. rows, columns: (M,) int32 or int64, the samples' pixels, in the order of rows, then columns. known:
+    (M,) z. shares: (M,) how much each counts in the mean, or None for equal shares. weight: (H, W), a factor on the
+    error which the mean isn't divided by, or None. most: samples in one pixel, at most; a GPU needs it. extent: None
+    for an error in scene units; else that of the disparity, in units of `extent`. squared: whether the error is
+    squared, else its absolute value is taken. Differentiable with respect to depth. Raises IndexError on the CPU for
+    samples outside the image.
     """
     _check_shapes(depth, alpha, weight)
     found = implementation("surface", backend, depth=depth, alpha=alpha, known=known, shares=shares, weight=weight)

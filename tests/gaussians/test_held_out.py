@@ -53,7 +53,7 @@ def test_no_gradient_reaches_a_held_back_pixel():
     random = torch.Generator().manual_seed(0)
     target = torch.rand(48, 64, 3, generator=random)
     prediction = torch.rand(48, 64, 3, generator=random).requires_grad_()
-    mask = held_out_mask(48, 64, (48, 64), 0.3, 0, 0)
+    mask = torch.from_numpy(held_out_mask(48, 64, (48, 64), 0.3, 0, 0))
     loss = losses.reconstruction(losses.without_held_out(prediction, target, mask), target, 0.4, None)
     loss.backward()
     assert not prediction.grad[mask].any()
@@ -100,7 +100,7 @@ def test_scores_are_those_of_the_pixels_held_back():
 def test_views_count_alike_and_light_above_white_is_white():
     photographs = {"a": np.full((40, 40, 3), 0.5, np.float32), "b": np.ones((40, 40, 3), np.float32)}
     renderings = [np.full((40, 40, 3), 0.6, np.float32), np.full((40, 40, 3), 1.7, np.float32)]
-    scores = held_out_scores(photographs, renderings.__getitem__, 0.3, 0)
+    scores = held_out_scores(photographs.items(), renderings.__getitem__, 0.3, 0)
     assert scores.views["a"][0] == pytest.approx(20.0, abs=PSNR_OF_FLOAT32)
     assert scores.views["b"][0] == pytest.approx(20 * np.log10(2550), abs=PSNR_OF_FLOAT32)
     assert scores.psnr == pytest.approx((20 + 20 * np.log10(2550)) / 2, abs=PSNR_OF_FLOAT32)

@@ -10,7 +10,8 @@ from made_up import cloud, frontal
 from tolerances import FLOAT32_SCALAR, PLANE_NORMAL
 
 from dofbench.core.cameras import Camera
-from dofbench.training.common.depth import DepthMap, DepthSamples, SupervisionOptions, depth_loss, sparse_depth
+from dofbench.training.common.depth import SupervisionOptions, depth_loss, sparse_depth
+from dofbench.training.common.depth_map import DepthMap, DepthSamples
 from dofbench.training.common.losses import AdaptationOptions
 from dofbench.training.gaussians.surface_losses import (
     DistortionOptions,

@@ -14,7 +14,8 @@ from dofbench.core.budget import Budget
 from dofbench.core.errors import InputError, Status
 from dofbench.running.compiling import miniature
 from dofbench.running.observer import OneStep
-from dofbench.training.common.depth import DepthMap, sparse_depth
+from dofbench.training.common.depth import sparse_depth
+from dofbench.training.common.depth_map import DepthMap
 from dofbench.training.common.priors import DensePrior, make_prior, with_points_behind, with_surface_points
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
 from dofbench.training.gaussians.trainer import Trainer

@@ -21,7 +21,7 @@ from dofbench.core.errors import InputError
 from dofbench.scenes.depth.align import Alignment
 from dofbench.scenes.depth.depthnet import MEAN, STD, load_folded
 from dofbench.scenes.depth.network import Network, find_network
-from dofbench.training.common.depth import DepthMap
+from dofbench.training.common.depth_map import DepthMap
 from dofbench.training.common.options import content_digests
 from dofbench.training.common.priors import make_prior
 from dofbench.training.common.priors import network as networks

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import InputError
 from dofbench.core.images import resize
-from dofbench.training.common.depth import DepthMap, sparse_depth
+from dofbench.training.common.depth import sparse_depth
+from dofbench.training.common.depth_map import DepthMap
 from dofbench.training.common.priors import stereo, stereo_sources
 from dofbench.training.common.priors.stereo import SOURCES, disparity_bounds, plane_map, stereo_depth
 from dofbench.training.common.priors.stereo_sources import choose_sources
@@ -236,6 +238,7 @@ def test_what_is_kept_of_a_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_view_is_matched_with_its_four_best_sources(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
     monkeypatch.setattr(stereo, "_sweep", lambda pyramids, index, chosen, *bounds: seen.append(chosen))
+    monkeypatch.setattr(stereo, "_Found", lambda swept: SimpleNamespace())
     monkeypatch.setattr(stereo, "_agreed", lambda cameras, swept, index, chosen, device: chosen)
     pyramids = [[(torch.zeros(6, 8), frontal(8, 6, 9.0))]] * 2
     kept = stereo._matched(

@@ -16,73 +16,17 @@ from dofbench.core.errors import InputError
 from dofbench.core.lens import DisparityRange
 from dofbench.runtime.ops import load
 from dofbench.scenes.visibility import visible
+from dofbench.training.common.depth_map import DepthSamples
 
 SURFACE_ALPHA = 0.1  # a pixel with less accumulated opacity has no surface with a meaningful depth
 _RANGE_QUANTILE = 0.95  # near end of the disparity range in the released code
 _LEAST_SQUARE = 1e-12  # whose root has a finite slope
 
 
-@dataclass(frozen=True, eq=False)
-class DepthSamples:
-    """rows, columns: (M,) int64 pixels; depth: (M,) float32 z in scene units. weight: (M,), or None for equal
-    weights. most: the largest number in one pixel if the samples are in the order of rows, then columns; else None."""
-
-    rows: Tensor
-    columns: Tensor
-    depth: Tensor
-    weight: Tensor | None = None
-    most: int | None = None
-
-    def within(self, mask: Tensor) -> DepthSamples:
-        """The samples at pixels where mask (H, W) is true, on the host."""
-        kept = mask[self.rows, self.columns]
-        weight = None if self.weight is None else self.weight[kept]
-        return DepthSamples(self.rows[kept], self.columns[kept], self.depth[kept], weight)
-
-    def on(self, device: str) -> DepthSamples:
-        """The samples on a device, in the order of rows, then columns."""
-        rows_first = self.rows.numpy(force=True) << 32 | self.columns.numpy(force=True)
-        order = torch.from_numpy(np.argsort(rows_first, kind="stable")).to(self.rows.device)
-        _, many = np.unique(rows_first, return_counts=True)
-        rows, columns, depth = (one[order].to(device) for one in (self.rows, self.columns, self.depth))
-        weight = None if self.weight is None else self.weight[order].to(device)
-        return DepthSamples(rows, columns, depth, weight, int(many.max(initial=1)))
-
-
-@dataclass(frozen=True, eq=False)
-class DepthMap:
-    """Depth of one view at its size: z (H, W) float32 in scene units, 0 unknown, and its weight (H, W), 0 ... 1."""
-
-    depth: np.ndarray
-    weight: np.ndarray
-
-    def with_samples(self, samples: DepthSamples) -> DepthMap:
-        """The map with the samples' depths, of weight 1, in their pixels."""
-        depth, weight = self.depth.copy(), self.weight.copy()
-        at = samples.rows.numpy(), samples.columns.numpy()
-        depth[at], weight[at] = samples.depth.numpy(), 1.0
-        return DepthMap(depth, weight)
-
-    def samples(self, camera: Camera) -> DepthSamples:
-        """The known depth at the pixels of the same view at the camera's size, resampled by nearest neighbour: a mean
-        of depths is on no surface."""
-        height, width = self.depth.shape
-        rows = ((np.arange(camera.height) + 0.5) * height / camera.height).astype(np.int64)
-        columns = ((np.arange(camera.width) + 0.5) * width / camera.width).astype(np.int64)
-        depth, weight = (values[rows[:, None], columns] for values in (self.depth, self.weight))
-        known = np.nonzero((depth > 0) & (weight > 0))
-        return DepthSamples(
-            rows=torch.from_numpy(known[0]),
-            columns=torch.from_numpy(known[1]),
-            depth=torch.from_numpy(depth[known].astype(np.float32)),
-            weight=torch.from_numpy(weight[known].astype(np.float32)),
-        )
-
-
 def sparse_depth(points: PointCloud, camera: Camera, view: int) -> DepthSamples:
     """Depth of the points that view number `view` sees, at their pixels."""
     seen = visible(points, camera, view)
-    pixels = seen.xy.astype(np.int64)
+    pixels = seen.xy.astype(np.int32)
     return DepthSamples(
         rows=torch.from_numpy(pixels[:, 1].copy()),
         columns=torch.from_numpy(pixels[:, 0].copy()),

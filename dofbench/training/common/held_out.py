@@ -7,12 +7,10 @@ of these can be compared.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from dofbench.core.held_out import held_out_tiles, tile_scores
 from dofbench.core.masks import touched
@@ -30,16 +28,18 @@ class HeldOutScores:
     views: Mapping[str, tuple[float, float]]
 
 
-def held_out_mask(height: int, width: int, shown: tuple[int, int], share: float, seed: int, view: int) -> Tensor | None:
-    """`held_out_tiles` of a view (height, width), at the size (height, width) `shown`; None for a share of 0."""
+def held_out_mask(
+    height: int, width: int, shown: tuple[int, int], share: float, seed: int, view: int
+) -> np.ndarray | None:
+    """`held_out_tiles` of a view (height, width), at the size (height, width) `shown`, bool; None for a share of 0."""
     if share <= 0:
         return None
     tiles = held_out_tiles(height, width, share, seed, view)
-    return torch.from_numpy(np.ascontiguousarray(touched(tiles, shown[1], shown[0])))
+    return touched(tiles, shown[1], shown[0])
 
 
 def held_out_scores(
-    images: Mapping[str, np.ndarray],
+    images: Iterable[tuple[str, np.ndarray]],
     render: Callable[[int], np.ndarray],
     share: float,
     seed: int,
@@ -47,15 +47,15 @@ def held_out_scores(
 ) -> HeldOutScores:
     """Score renderings of the training views on held-out pixels.
 
-    images: name -> (H, W, 3) encoded, in the training set's order. render: the rendering of a view by its number,
-    (H, W, 3) encoded. share, seed: as trained with. masks: (H, W) bool of each view or None, False for pixels that
-    aren't scored. A view without a valid held-out pixel has the scores NaN, and doesn't count. Raises ValueError for a
-    share of 0.
+    images: name and (H, W, 3) encoded of each view, in the training set's order. render: the rendering of a view by its
+    number, (H, W, 3) encoded. share, seed: as trained with. masks: (H, W) bool of each view or None, False for pixels
+    that aren't scored. A view without a valid held-out pixel has the scores NaN, and doesn't count. Raises ValueError
+    for a share of 0.
     """
     if share <= 0:
         raise ValueError(f"held-out scores: expected a share above 0, found {share}")
     views = {}
-    for number, (name, image) in enumerate(images.items()):
+    for number, (name, image) in enumerate(images):
         height, width = image.shape[:2]
         tiles = held_out_tiles(height, width, share, seed, number)
         if masks is not None and (valid := masks[number]) is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -14,8 +14,9 @@ from torch import Tensor
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingView
 from dofbench.core.images import resize
-from dofbench.core.masks import shrunk_mask
-from dofbench.training.common.depth import DepthSamples
+from dofbench.core.masks import PackedMask, shrunk_mask
+from dofbench.core.stored_image import StoredImage
+from dofbench.training.common.depth_map import DepthMap, DepthSamples
 from dofbench.training.common.held_out import held_out_mask
 from dofbench.training.common.priors import Prior
 
@@ -40,35 +41,88 @@ class ScaledView:
     used: float = 1.0
 
 
-def scaled_views(
-    views: Sequence[TrainingView], sizes: Sequence[int], prior: Prior | None, held_back: float, seed: int, device: str
-) -> dict[int, list[ScaledView]]:
-    """Factor -> all training views shrunk by that factor, for each of the factors in `sizes`.
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    """What is kept of a view for the training on a CPU. known: as the prior keeps it. valid: the pixels whose known
+    depth counts, None for all. used: as in `ScaledView`."""
+
+    name: str
+    camera: Camera
+    image: StoredImage
+    known: DepthMap | DepthSamples | None
+    valid: PackedMask | None
+    held_back: PackedMask | None
+    used: float
+
+    def samples(self) -> DepthSamples | None:
+        if not isinstance(self.known, DepthMap):
+            return self.known
+        found = self.known.own_samples()
+        return found if self.valid is None else found.within(torch.from_numpy(self.valid.bools()))
+
+
+class ScaledViews:
+    """All training views shrunk by a factor. On a CPU the tensors of a view are made anew whenever it is asked for:
+    kept are 8-bit levels where it isn't shrunk, and bits for masks and for which depths are known. On another device
+    all tensors stay there, but for images of 8-bit levels, which are a byte a value.
 
     prior: the depth that supervises, or None. held_back: the share of every view's tiles that no colour loss uses.
     """
-    return {
-        factor: [_scaled(view, index, factor, prior, held_back, seed, device) for index, view in enumerate(views)]
-        for factor in sizes
-    }
+
+    def __init__(
+        self, views: Sequence[TrainingView], factor: int, prior: Prior | None, held_back: float, seed: int, device: str
+    ):
+        self._kept = [_kept(view, index, factor, prior, held_back, seed) for index, view in enumerate(views)]
+        self.cameras = [kept.camera for kept in self._kept]
+        self._device = device
+        self._there: list[tuple[ScaledView, Tensor | None]] = []
+        if torch.device(device).type != "cpu":
+            self._there = [self._sent(index) for index in range(len(views))]
+            self._kept = []
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    def __getitem__(self, index: int) -> ScaledView:
+        if self._there:
+            view, table = self._there[index]
+            return view if table is None else replace(view, image=table[view.image.int()])
+        kept = self._kept[index]
+        held = None if kept.held_back is None else torch.from_numpy(kept.held_back.bools())
+        image = torch.from_numpy(np.ascontiguousarray(kept.image.floats()))
+        return ScaledView(index, kept.name, kept.camera, image, kept.samples(), held, kept.used)
+
+    def _sent(self, index: int) -> tuple[ScaledView, Tensor | None]:
+        """A view on the device, with its image as it is kept, and the table of its levels."""
+        kept, device = self._kept[index], self._device
+        known, held, table = kept.samples(), kept.held_back, kept.image.table
+        image = torch.from_numpy(np.ascontiguousarray(kept.image.values)).to(device)
+        on_device = None if known is None else known.on(device)
+        held_there = None if held is None else torch.from_numpy(held.bools()).to(device)
+        view = ScaledView(index, kept.name, kept.camera, image, on_device, held_there, kept.used)
+        return view, None if table is None else torch.from_numpy(table).to(device)
 
 
-def _scaled(
-    view: TrainingView, index: int, factor: int, prior: Prior | None, held_back: float, seed: int, device: str
-) -> ScaledView:
+def _kept(view: TrainingView, index: int, factor: int, prior: Prior | None, held_back: float, seed: int) -> _Kept:
     width, height = view.camera.width // factor, view.camera.height // factor
     camera = view.camera if factor == 1 else view.camera.resized(width, height)
-    image = torch.from_numpy(np.ascontiguousarray(resize(view.image, width, height))).to(device)
-    known = None if prior is None else prior.samples(index, camera)
+    image = view.stored
+    if image.values.shape[:2] != (height, width):
+        image = StoredImage.of(resize(view.image, width, height))
+    known = None if prior is None else prior.kept(index, camera)
     held = held_out_mask(view.camera.height, view.camera.width, (height, width), held_back, seed, index)
-    used = 1.0
+    used, valid = 1.0, None
     if view.mask is not None:
-        valid = torch.from_numpy(shrunk_mask(view.mask, width, height))
-        known = None if known is None else known.within(valid)
-        held = ~valid if held is None else held | ~valid
-        used = float(valid.double().mean())
-    on_device = None if known is None else known.on(device)
-    return ScaledView(index, view.name, camera, image, on_device, None if held is None else held.to(device), used)
+        mask = shrunk_mask(view.mask, width, height)
+        if isinstance(known, DepthSamples):
+            known = known.within(torch.from_numpy(mask))
+        elif known is not None and (known.known & ~mask).any():
+            valid = PackedMask.of(mask)
+        held = ~mask if held is None else held | ~mask
+        used = float(torch.from_numpy(mask).double().mean())
+    if isinstance(known, DepthSamples):
+        known = known.on("cpu")
+    return _Kept(view.name, camera, image, known, valid, None if held is None else PackedMask.of(held), used)
 
 
 @dataclass(frozen=True)

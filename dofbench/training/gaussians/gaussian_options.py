@@ -63,6 +63,10 @@ class ScheduleOptions:
         """The factors by which views are shrunk in the course of the training; 1 is full size."""
         return (1, self.coarse_factor) if self.coarse_until > 0 and self.coarse_factor != 1 else (1,)
 
+    def sizes_from(self, progress: float) -> tuple[int, ...]:
+        """Those of `sizes` that are still to come at `progress`, 0 to 1."""
+        return self.sizes if progress < self.coarse_until else (1,)
+
     def size(self, progress: float) -> int:
         """The factor by which views are shrunk at `progress`, 0 to 1."""
         return self.coarse_factor if progress < self.coarse_until else 1

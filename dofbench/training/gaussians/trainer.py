@@ -26,7 +26,7 @@ from dofbench.training.common.pace import Pace
 from dofbench.training.common.photograph_colours import LearnedColours
 from dofbench.training.common.priors import Prior, make_prior, with_points_behind, with_surface_points
 from dofbench.training.common.reproduction import Reproduction, reproduction
-from dofbench.training.common.views import ScaledView, scaled_views
+from dofbench.training.common.views import ScaledViews
 from dofbench.training.gaussians.early_stopping import Best, EarlyStopping
 from dofbench.training.gaussians.forward_model import SharpView, Shot
 from dofbench.training.gaussians.gaussian_options import GaussianOptions
@@ -78,7 +78,7 @@ class Trainer:
         self._stopping = EarlyStopping(options.stopping, options.schedule.cooldown_from, len(self.views), begins)
         self._unmeasured = options.lens.lens and options.lens.lens_measured_at < 1
         self.prior: Prior | None = None
-        self._scaled: dict[int, list[ScaledView]] = {}
+        self._scaled: dict[int, ScaledViews] = {}  # by the factor by which they are shrunk
         self._step = 0
         self._pace: Pace | None = None  # of the training that is going on
         self._kept: TrainerState | None = None  # of an earlier process, to go on from
@@ -132,6 +132,7 @@ class Trainer:
                 self._resume(self._kept)
                 pace.restore(self._kept.pace, probe)
             while (progress := pace.progress(self._step)) < 1:
+                self._forget_sizes(progress)
                 if self._trials.due(self._step, progress):
                     self._step = self._decide(self._step, progress, budget, observer)
                     pace.resume(self._step)
@@ -223,12 +224,23 @@ class Trainer:
             if behind > 0:
                 points = with_points_behind(self._training_set, points, self.prior, behind, self._seed)
             self.state.start_from(points)
+        if options.supervision.depth_weight == 0:
+            self.prior = None  # has no further use
 
-    def _scale_views(self) -> dict[int, list[ScaledView]]:
+    def _scale_views(self, progress: float = 0.0) -> dict[int, ScaledViews]:
+        """The views at the sizes that training uses from `progress` on."""
+        return {factor: self._scaled_by(factor) for factor in self.options.schedule.sizes_from(progress)}
+
+    def _scaled_by(self, factor: int) -> ScaledViews:
         options = self.options
         supervisor = self.prior if options.supervision.depth_weight > 0 else None
         held_back = max(options.reconstruction.held_back, HELD_BACK if self._trials.open else 0)
-        return scaled_views(self.views, options.schedule.sizes, supervisor, held_back, self._seed, self._device)
+        return ScaledViews(self.views, factor, supervisor, held_back, self._seed, self._device)
+
+    def _forget_sizes(self, progress: float) -> None:
+        """Free the views at sizes that are over at `progress`."""
+        for factor in self._scaled.keys() - set(self.options.schedule.sizes_from(progress)):
+            del self._scaled[factor]
 
     def _decide(self, step: int, progress: float, budget: Budget, observer: Observer) -> int:
         """Run the trials; returns the number of steps taken in all. Timed as "trials" and by part of a step."""
@@ -240,7 +252,8 @@ class Trainer:
         )
         self.decisions += decisions
         self.stages["trials"] = time.perf_counter() - start
-        self._scaled = self._scale_views()
+        self._scaled.clear()  # before others take their place
+        self._scaled = self._scale_views(progress)
         return step
 
     def _measure(self, observer: Observer) -> None:
@@ -302,14 +315,16 @@ class Trainer:
         """Take the step after step number `step`, on the next view of the random order."""
         state = self.state
         index = state.order.next(progress, state.random)
-        views = self._scaled[self.options.schedule.size(progress)]
-        if views[0].camera.width != state.cameras[0].width:
+        factor = self.options.schedule.size(progress)
+        views = self._scaled.get(factor) or self._scaled.setdefault(factor, self._scaled_by(factor))
+        if views.cameras[0].width != state.cameras[0].width:
             # The 3D filter depends on the sampling interval of the training size, which has just changed.
-            state.cameras = [view.camera for view in views]
-            update_filter(state, Place(step, views[index].name))
-        state.loss = take_step(state, step + 1, progress, views[index], self._clock)
+            state.cameras = views.cameras
+            update_filter(state, Place(step, self.views[index].name))
+        view = views[index]
+        state.loss = take_step(state, step + 1, progress, view, self._clock)
         # A masked pixel has no loss, which would make its view seem better explained than others.
-        used = views[index].used
+        used = view.used
         state.order.record(index, state.loss / used if 0 < used < 1 else state.loss)
 
     def train(
@@ -381,7 +396,7 @@ class Trainer:
 
     def held_out_scores(self, share: float | None = None) -> HeldOutScores:
         """Score the training views on held-out pixels. share: of the tiles; the option `held_back` if it is larger."""
-        images = {view.name: view.image for view in self.views}
+        images = ((view.name, view.image) for view in self.views)
         share = max(self.options.reconstruction.held_back, share or 0)
         masks = [view.mask for view in self.views]
         return held_out_scores(images, self.render_view, share, self._seed, masks)

@@ -13,8 +13,10 @@ import torch
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud, TrainingSet, TrainingView
 from dofbench.core.errors import InputError
+from dofbench.core.masks import PackedMask
 from dofbench.core.progress import Update, silent
-from dofbench.training.common.depth import DepthMap, DepthSamples, sparse_depth
+from dofbench.training.common.depth import sparse_depth
+from dofbench.training.common.depth_map import DepthMap, DepthSamples
 from dofbench.training.common.options import CONTENT
 
 _REACH = 0.01  # of the width: pixels so near to one of known depth count as known
@@ -67,6 +69,9 @@ class Prior(Protocol):
     def samples(self, index: int, camera: Camera) -> DepthSamples:
         """The known depth of training view `index` in the pixels of `camera`, the view's at any size."""
 
+    def kept(self, index: int, camera: Camera) -> DepthMap | DepthSamples:
+        """The same as it is kept for a training: a map, or a few samples."""
+
 
 @dataclass(frozen=True, eq=False)
 class SparsePrior:
@@ -77,6 +82,9 @@ class SparsePrior:
     def samples(self, index: int, camera: Camera) -> DepthSamples:
         return sparse_depth(self.points, camera, index)
 
+    def kept(self, index: int, camera: Camera) -> DepthSamples:
+        return self.samples(index, camera)
+
 
 @dataclass(frozen=True, eq=False)
 class DensePrior:
@@ -86,6 +94,9 @@ class DensePrior:
 
     def samples(self, index: int, camera: Camera) -> DepthSamples:
         return self.maps[index].samples(camera)
+
+    def kept(self, index: int, camera: Camera) -> DepthMap:
+        return self.maps[index].resized(camera)
 
 
 def make_prior(
@@ -125,12 +136,10 @@ def make_prior(
         maps = semi_dense()
         assert points is not None  # `stereo_depth` refuses a training set without points
         # Sparse points replace stereo depth in their pixels: matched at corners in several views, they are more exact.
-        return DensePrior(
-            [
-                found.with_samples(sparse_depth(points, view.camera, index))
-                for index, (found, view) in enumerate(zip(maps, training_set.views, strict=True))
-            ]
-        )
+        # One map after the other, so that not all are there twice.
+        for index, view in enumerate(training_set.views):
+            maps[index] = maps[index].with_samples(sparse_depth(points, view.camera, index))
+        return DensePrior(maps)
     from dofbench.training.common.priors.network import open_network, predicted_depth, tune
 
     network = open_network(options.depth_prior_file, training_set)
@@ -189,15 +198,19 @@ def with_points_behind(
 
     random = np.random.default_rng([seed, 1])
     xyz, rgb = [points.xyz], [points.rgb]
-    maps = [_disparities(prior, index, view) for index, view in enumerate(training_set.views)]
-    unknowns = [_unknown(disparity, view) for disparity, view in zip(maps, training_set.views, strict=True)]
-    if np.mean([unknown.mean() for unknown in unknowns]) < _FEW:
+    unknowns, shares = list[PackedMask](), list[float]()
+    for index, view in enumerate(training_set.views):
+        unknown = _unknown(_disparities(prior, index, view), view)
+        unknowns.append(PackedMask.of(unknown))
+        shares.append(float(unknown.mean()))
+    if np.mean(shares) < _FEW:
         return points
-    for view, disparity, unknown in zip(training_set.views, maps, unknowns, strict=True):
-        rows, columns = np.nonzero(unknown)
-        wanted = min(len(rows), round(count / len(training_set.views) * unknown.mean()))
+    for index, view in enumerate(training_set.views):
+        rows, columns = np.nonzero(unknowns[index].bools())
+        wanted = min(len(rows), round(count / len(training_set.views) * shares[index]))
         if wanted == 0:
             continue
+        disparity = _disparities(prior, index, view)
         nearest = distance_transform_edt(disparity == 0, return_distances=False, return_indices=True)
         chosen = np.sort(random.choice(len(rows), wanted, replace=False))
         rows, columns = rows[chosen], columns[chosen]

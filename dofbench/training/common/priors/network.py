@@ -26,7 +26,8 @@ from dofbench.core.progress import Update, silent
 from dofbench.scenes.depth.align import UNALIGNED, Alignment, fit
 from dofbench.scenes.depth.depthnet import MEAN, MULTIPLE, STD, load_folded
 from dofbench.scenes.depth.network import Network, find_network, sampled, side_file
-from dofbench.training.common.depth import DepthMap, sparse_depth
+from dofbench.training.common.depth import sparse_depth
+from dofbench.training.common.depth_map import DepthMap
 from dofbench.training.common.options import TORCHSCRIPT
 
 SHIPPED = "depthnet"
@@ -154,7 +155,7 @@ def predicted_depth(
         if samples is not None and len(samples.depth):
             ratio = samples.depth.numpy() / depth[samples.rows.numpy(), samples.columns.numpy()]
             depth = depth * np.float32(np.median(ratio))
-        maps.append(DepthMap(depth.astype(np.float32), np.ones(size, np.float32)))
+        maps.append(DepthMap(depth, None))
     progress("depth prior: network", len(maps), len(maps))
     return maps
 

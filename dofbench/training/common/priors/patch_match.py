@@ -19,7 +19,7 @@ from dofbench.scenes.local_frame import local_offset
 from dofbench.scenes.ply import read_ply
 from dofbench.scenes.readers.colmap import Model, read_model
 from dofbench.scenes.readers.colmap_files import model_suffix
-from dofbench.training.common.depth import DepthMap
+from dofbench.training.common.depth_map import DepthMap
 
 SAME_DEPTH = 0.02  # relative: a fused point is a mean over views, and within this of each map that it was fused from
 _ALIKE = 0.01  # relative difference of distances between cameras up to which two sets of poses agree up to a scale
@@ -154,4 +154,4 @@ def _at_training_view(depth: np.ndarray, camera: Camera, goal: Camera) -> DepthM
     columns = np.clip(x, 0, camera.width - 1).astype(np.int64)
     rows = np.clip(y, 0, camera.height - 1).astype(np.int64)
     found = np.where(inside, depth[rows[:, None], columns], 0).astype(np.float32)
-    return DepthMap(found, (found > 0).astype(np.float32))
+    return DepthMap(found, None)

@@ -7,19 +7,23 @@ is kept if its score, its margin over other planes and its agreement with other 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import torch
 
 from dofbench.core.cameras import Camera
-from dofbench.core.contracts import TrainingSet
+from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import InputError
 from dofbench.core.images import resize
 from dofbench.core.masks import shrunk_mask
 from dofbench.core.progress import Update, silent
 from dofbench.runtime.ops import load
-from dofbench.training.common.depth import DepthMap, all_disparities
+from dofbench.training.common.depth import all_disparities
+from dofbench.training.common.depth_map import DepthMap, PositiveMap
 from dofbench.training.common.priors.stereo_sources import choose_sources
 
 SOURCES, BEST = 4, 2  # number of views that a view is matched with, and how many of the best scores are averaged
@@ -43,6 +47,7 @@ SWEEP, CHECK = "depth prior: sweep", "depth prior: check"
 
 
 _Level = tuple[torch.Tensor, Camera]  # a grey image (H, W), and its camera
+_PYRAMIDS = 3 * SOURCES  # kept at a time: neighbouring views share most of their sources
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +57,32 @@ class _Swept:
 
     depth: np.ndarray
     weight: np.ndarray
+
+
+class _Found:
+    """A view's sweep as it is kept until all views are swept. weight: None once the view is checked."""
+
+    def __init__(self, swept: _Swept):
+        self.depth = PositiveMap(swept.depth)
+        self.weight: PositiveMap | None = PositiveMap(swept.weight)
+
+
+class _Pyramids(Sequence[list[_Level]]):
+    """The views' grey images at `count` scales from 1 / 2^first on, made when they are asked for; the last few stay."""
+
+    def __init__(self, views: Sequence[TrainingView], first: int, count: int, device: str):
+        self._views, self._first, self._count, self._device = views, first, count, device
+        self._made = lru_cache(_PYRAMIDS)(self._make)
+
+    def __len__(self) -> int:
+        return len(self._views)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self._made(range(len(self._views))[index])
+
+    def _make(self, index: int) -> list[_Level]:
+        view = self._views[index]
+        return _pyramid(view.image, view.camera, self._first + self._count, self._device)[self._first :]
 
 
 def stereo_depth(
@@ -68,23 +99,23 @@ def stereo_depth(
     if len(views) < 2:
         raise InputError("option depth_prior", "stereo for one training view", "two or more")
     bounds, neighbours = disparity_bounds(training_set), choose_sources(training_set, CHECKED)
-    pyramids = [_pyramid(view.image, view.camera, len(SCALES) + coarser, device) for view in views]
     masks = [view.mask for view in views]
-    maps = _matched([levels[: len(SCALES)] for levels in pyramids], masks, neighbours, bounds, "", progress)
+    maps = _matched(_Pyramids(views, 0, len(SCALES), device), masks, neighbours, bounds, "", progress)
     for level in range(1, coarser + 1):
-        smaller = [levels[level : level + len(SCALES)] for levels in pyramids]
+        smaller = _Pyramids(views, level, len(SCALES), device)
         if not all(smaller):
             break
         more = _matched(smaller, masks, neighbours, bounds, f" at 1/{2**level}", progress)
-        maps = [_filled(one, other, 0.5**level) for one, other in zip(maps, more, strict=True)]
-    return [
-        one if mask is None else DepthMap(np.where(mask, one.depth, 0), np.where(mask, one.weight, 0))
-        for one, mask in zip(maps, masks, strict=True)
-    ]
+        for index, other in enumerate(more):
+            maps[index] = _filled(maps[index], other, 0.5**level)
+    for index, mask in enumerate(masks):
+        if mask is not None:
+            maps[index] = DepthMap(np.where(mask, maps[index].depth, 0), maps[index].weight)
+    return maps
 
 
 def _matched(
-    pyramids: list[list[_Level]],
+    pyramids: Sequence[list[_Level]],
     masks: list[np.ndarray | None],
     neighbours: list[list[int]],
     bounds: tuple[float, float],
@@ -92,15 +123,17 @@ def _matched(
     progress: Update,
 ) -> list[DepthMap]:
     """Maps at the size of the pyramids' first level. size: its name in progress messages."""
-    swept, cameras = [], [levels[0][1] for levels in pyramids]
+    swept, cameras = list[_Found](), [levels[0][1] for levels in pyramids]
+    device = pyramids[0][0][0].device
     progress(SWEEP + size, 0, len(cameras))
     for index, chosen in enumerate(neighbours):
-        swept.append(_unmasked(_sweep(pyramids, index, chosen[:SOURCES], *bounds), masks[index]))
+        swept.append(_Found(_unmasked(_sweep(pyramids, index, chosen[:SOURCES], *bounds), masks[index])))
         progress(SWEEP + size, index + 1, len(cameras))
     maps = []
     progress(CHECK + size, 0, len(cameras))
     for index, chosen in enumerate(neighbours):
-        maps.append(_agreed(cameras, swept, index, chosen, pyramids[index][0][0].device))
+        maps.append(_agreed(cameras, swept, index, chosen, device))
+        swept[index].weight = None
         progress(CHECK + size, index + 1, len(cameras))
     return maps
 
@@ -188,7 +221,7 @@ def _planes(camera: Camera, sources: list[Camera], low: float, high: float) -> n
     return np.linspace(low, high, -(-count // TOGETHER) * TOGETHER)
 
 
-def _sweep(pyramids: list[list[_Level]], index: int, chosen: list[int], low: float, high: float) -> _Swept:
+def _sweep(pyramids: Sequence[list[_Level]], index: int, chosen: list[int], low: float, high: float) -> _Swept:
     levels = pyramids[index]
     disparities = _planes(levels[0][1], [pyramids[other][0][1] for other in chosen], low, high)
     total, weight = None, 0.0
@@ -231,18 +264,20 @@ def _outline(depth: np.ndarray, extent: float) -> np.ndarray:
 
 
 def _agreed(
-    cameras: list[Camera], swept: list[_Swept], index: int, others: list[int], device: torch.device
+    cameras: list[Camera], swept: list[_Found], index: int, others: list[int], device: torch.device
 ) -> DepthMap:
     """The depths that other views confirm, weighted by score and by how many views agree."""
     own, camera = swept[index], cameras[index]
-    depth = np.where(own.weight > 0, own.depth, 0)
+    assert own.weight is not None
+    weight = own.weight.whole()
+    depth = np.where(weight > 0, own.depth.whole(), 0)
     agreeing = np.zeros(depth.shape, np.float32)
     for other in others:
         there, back = (plane_map(*pair) for pair in ((camera, cameras[other]), (cameras[other], camera)))
-        arrays = depth, swept[other].depth, there, back
+        arrays = depth, swept[other].depth.whole(), there, back
         seen = load("stereo", function="returns")(
             *(torch.from_numpy(array).to(device) for array in arrays), pixels=AGREE_PX, share=AGREE_DEPTH
         )
         agreeing += seen.numpy(force=True)
     kept = agreeing >= min(AGREEING, max(1, (len(cameras) - 1) // 2))
-    return DepthMap(np.where(kept, depth, 0), np.where(kept, own.weight * (agreeing / (agreeing + 1)), 0))
+    return DepthMap(np.where(kept, depth, 0), np.where(kept, weight * (agreeing / (agreeing + 1)), 0))
