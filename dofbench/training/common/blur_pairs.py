@@ -8,7 +8,7 @@ along each axis, which holds while R is a few pixels; larger ones are measured o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -65,11 +65,38 @@ class BlurPairs:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """What is known of a view: luma (H, W) float32 in linear light, z (H, W) in scene units, 0 unknown."""
+    """What is known of a view. photograph: gives its luma, (H, W) float32 in linear light. depth: z (H, W) in scene
+    units, 0 unknown."""
 
     camera: Camera
-    light: np.ndarray
+    photograph: Callable[[], np.ndarray]
     depth: np.ndarray
+
+    @staticmethod
+    def of(camera: Camera, image: np.ndarray, depth: np.ndarray, mask: np.ndarray | None, gamma: float) -> Surface:
+        """image: (H, W, 3), encoded. depth: (H, W) z, scene units, 0 unknown. mask: (H, W) bool of valid pixels."""
+        light = luma(image, gamma)
+        return Surface(camera, lambda: light, depth if mask is None else np.where(mask, depth, 0.0))
+
+    def halved(self) -> Surface:
+        """Half the size; depth is of every other pixel, since a mean of depths is on no surface."""
+        width, height = self.camera.width // 2, self.camera.height // 2
+        rows = ((np.arange(height) + 0.5) * self.depth.shape[0] / height).astype(np.int64)
+        columns = ((np.arange(width) + 0.5) * self.depth.shape[1] / width).astype(np.int64)
+        light = resize(self.photograph(), width, height)
+        return Surface(self.camera.resized(width, height), lambda: light, self.depth[rows[:, None], columns])
+
+
+def luma(image: np.ndarray, gamma: float) -> np.ndarray:
+    """(H, W) float32, linear, of an encoded image (H, W, 3)."""
+    return (decode(image, gamma) @ LUMA).astype(np.float32)
+
+
+class _Own:
+    """A surface while it is compared with its neighbours, and what of it all these comparisons need."""
+
+    def __init__(self, surface: Surface):
+        self.camera, self.depth, self.light = surface.camera, surface.depth, surface.photograph()
 
     @cached_property
     def texture(self) -> _Texture:
@@ -91,23 +118,6 @@ class Surface:
         level, square = _windowed(disparity), _windowed(disparity**2)
         return np.asarray(np.sqrt(np.maximum(square - level**2, 0)))
 
-    @staticmethod
-    def of(camera: Camera, image: np.ndarray, depth: np.ndarray, mask: np.ndarray | None, gamma: float) -> Surface:
-        """image: (H, W, 3), encoded. depth: (H, W) z, scene units, 0 unknown. mask: (H, W) bool of valid pixels."""
-        return Surface(
-            camera,
-            (decode(image, gamma) @ LUMA).astype(np.float32),
-            depth if mask is None else np.where(mask, depth, 0.0),
-        )
-
-    def halved(self) -> Surface:
-        """Half the size; depth is of every other pixel, since a mean of depths is on no surface."""
-        width, height = self.camera.width // 2, self.camera.height // 2
-        rows = ((np.arange(height) + 0.5) * self.depth.shape[0] / height).astype(np.int64)
-        columns = ((np.arange(width) + 0.5) * self.depth.shape[1] / width).astype(np.int64)
-        light = resize(self.light, width, height)
-        return Surface(self.camera.resized(width, height), light, self.depth[rows[:, None], columns])
-
 
 def blur_pairs(surfaces: Sequence[Surface], extent: float) -> BlurPairs:
     """Compare every photograph with its neighbours. extent: of the disparity range, 1 / scene unit."""
@@ -116,10 +126,11 @@ def blur_pairs(surfaces: Sequence[Surface], extent: float) -> BlurPairs:
     for level in range(LEVELS):
         if min(min(one.camera.width, one.camera.height) for one in levels) < SMALLEST:
             break
-        noise = [_noise(one.light) for one in levels]
+        noise = [_noise(one.photograph()) for one in levels]
         for first, others in enumerate(neighbours):
+            own = _Own(levels[first])
             for second in others:
-                rows = _compared(levels[first], levels[second], (noise[first], noise[second]), extent)
+                rows = _compared(own, levels[second], (noise[first], noise[second]), extent)
                 if rows is not None:
                     size = float(4**level)
                     q_first, q_second, zoom, difference, deviation = rows
@@ -157,7 +168,7 @@ def _seen(camera: Camera, other: Surface, points: np.ndarray) -> tuple[np.ndarra
     return seen & ((rays[0] * rays[1]).sum(axis=1) > np.cos(np.radians(ANGLE))), xy, z
 
 
-def _compared(own: Surface, other: Surface, noise: tuple[float, float], extent: float) -> tuple[np.ndarray, ...] | None:
+def _compared(own: _Own, other: Surface, noise: tuple[float, float], extent: float) -> tuple[np.ndarray, ...] | None:
     """(q_first, q_second, zoom, difference, deviation) of the patches of one pair at one size; None without any."""
     import cv2
 
@@ -171,7 +182,7 @@ def _compared(own: Surface, other: Surface, noise: tuple[float, float], extent: 
     if not valid.any():
         return None
     at = np.where(np.isfinite(xy), xy - 0.5, -10).astype(np.float32).reshape(height, width, 2)
-    warped = cv2.remap(other.light, at[..., 0], at[..., 1], cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
+    warped = cv2.remap(other.photograph(), at[..., 0], at[..., 1], cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
     mine, theirs = own.texture, _Texture.of(np.where(valid, warped, own.light))
     # A patch lies where its centre does, which may be one of the few pixels of unknown depth.
     centres = slice(STRIDE // 2, None, STRIDE), slice(STRIDE // 2, None, STRIDE)
