@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +13,7 @@ from tolerances import FLOAT32_POINT, FLOAT32_VALUE
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingView
+from dofbench.core.images import from_8bit
 from dofbench.training.fields.pixels import CameraTable, TrainingPixels, whole_image
 
 
@@ -127,3 +130,29 @@ def test_masked_pixels_are_drawn_only_within_patches_and_have_no_error_there():
             predicted = torch.full_like(patch.colours, 0.123).requires_grad_()
             (patch.without_masked(predicted) - patch.colours).square().sum().backward()
             assert ((predicted.grad != 0).any(dim=1) <= patch.valid).all()
+
+
+def test_the_order_goes_on_from_its_state_which_does_not_grow_with_the_pixels() -> None:
+    for given in (views(), masked_views()):
+        pixels, rest = TrainingPixels(given, np.random.default_rng(0)), TrainingPixels(given, np.random.default_rng(1))
+        for _ in range(3):
+            pixels.draw(4)
+        state = pickle.dumps(pixels.state())
+        assert all(not isinstance(one, np.ndarray) for one in pixels.state())
+        rest.restore(pickle.loads(state))
+        twin = copy.deepcopy(pixels)
+        for _ in range(20):
+            expected = pixels.draw(4)
+            assert torch.equal(rest.draw(4).places, expected.places)
+            assert torch.equal(twin.draw(4).places, expected.places)
+
+
+def test_8_bit_images_have_the_colours_of_their_floats() -> None:
+    random = np.random.default_rng(0)
+    levels = [random.integers(0, 256, view.image.shape).astype(np.uint8) for view in views()]
+    given = [replace(view, image=from_8bit(one)) for view, one in zip(views(), levels, strict=True)]
+    mixed = [given[0], replace(given[1], image=given[1].image * np.float32(0.9))]
+    for case in (given, mixed):
+        drawn = TrainingPixels(case, np.random.default_rng(0)).draw(26)
+        for view, (x, y), colour in zip(drawn.views, drawn.places.long().tolist(), drawn.colours, strict=True):
+            assert colour.tolist() == case[int(view)].image[y, x].tolist()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,6 +13,8 @@ from torch import Tensor
 
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingView
+from dofbench.core.errors import InputError
+from dofbench.core.stored_image import StoredImage
 from dofbench.runtime.device_numbers import sent
 from dofbench.training.common.monitor import Place
 
@@ -75,6 +79,22 @@ class CameraTable:
         return origins, directions
 
 
+class _Colours:
+    """The colours of all pixels, one view after the other: 8-bit levels if all views are kept as these."""
+
+    def __init__(self, stored: Sequence[StoredImage], device: torch.device | str):
+        table = stored[0].table
+        alike = all(one.table is table for one in stored)
+        parts = [one.values if alike else np.asarray(one.floats(), np.float32) for one in stored]
+        self._values = torch.from_numpy(np.concatenate([part.reshape(-1, 3) for part in parts])).to(device)
+        self._table = torch.from_numpy(table).to(device) if alike and table is not None else None
+
+    def __getitem__(self, numbers: Tensor) -> Tensor:
+        """(P, 3) float32, of pixels by their numbers (P,) int64."""
+        found = self._values[numbers]
+        return found if self._table is None else self._table[found.int()]
+
+
 class TrainingPixels:
     """The pixels of the training views. Masked pixels are drawn only as parts of a patch.
 
@@ -82,45 +102,55 @@ class TrainingPixels:
     """
 
     def __init__(self, views: Sequence[TrainingView], random: np.random.Generator, device: torch.device | str = "cpu"):
-        self._random, self._device = random, device
+        self._random, self._device, self._views = random, device, views
         self._sizes = np.array([(view.camera.width, view.camera.height) for view in views])
         self._starts = np.cumsum([0, *self._sizes.prod(axis=1)])
-        images = [np.ascontiguousarray(view.image, np.float32).reshape(-1, 3) for view in views]
-        self._photographs = np.concatenate(images)
-        self._colours = torch.from_numpy(self._photographs).to(device)
-        self._names = [view.name for view in views]
-        self._valid = [None if view.mask is None else np.flatnonzero(view.mask) for view in views]
-        self._all = self._unmasked()
-        self._order, self._next = np.empty(0, np.int64), 0
+        if self._starts[-1] >= 2**32:
+            raise InputError("training views", f"{self._starts[-1]} pixels", "fewer than 2^32 for a radiance field")
+        self._colours = _Colours([view.stored for view in views], device)
+        self._order, self._next = np.empty(0, np.uint32), 0
+        self._drawn_by: np.random.Generator | None = None  # the generator before it drew the order
         self._round: list[int] = []
 
-    def state(self) -> tuple[np.random.Generator, np.ndarray, int, list[int]]:
+    def state(self) -> tuple[np.random.Generator, np.random.Generator | None, int, list[int]]:
         """The order in which pixels and views are drawn, for `restore`."""
-        return self._random, self._order, self._next, self._round
+        return self._random, self._drawn_by, self._next, self._round
 
-    def restore(self, state: tuple[np.random.Generator, np.ndarray, int, list[int]]) -> None:
+    def restore(self, state: tuple[np.random.Generator, np.random.Generator | None, int, list[int]]) -> None:
         """Go on in the order of an earlier `state`."""
-        self._random, self._order, self._next, self._round = state
+        self._random, self._drawn_by, self._next, self._round = state
+        if self._drawn_by is not None:
+            self._order = self._ordered(copy.deepcopy(self._drawn_by))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> TrainingPixels:
+        """Shares what nobody changes: the colours, and the order, which is drawn anew as a whole."""
+        twin = copy.copy(self)
+        memo[id(self)] = twin
+        twin._random, twin._round = copy.deepcopy(self._random, memo), list(self._round)
+        return twin
 
     def check(self, step: int) -> None:
         """Raise NonFiniteError unless all colours are finite. A step draws few pixels of every view, so without this a
         training may run for long before it fails."""
-        for name, start, end in zip(self._names, self._starts[:-1], self._starts[1:], strict=True):
-            Place(step, name).check(torch.from_numpy(self._photographs[start:end]), "photograph")
+        for view in self._views:
+            if view.stored.table is None:  # 8-bit levels are finite
+                Place(step, view.name).check(torch.from_numpy(np.asarray(view.image, np.float32)), "photograph")
 
     def draw(self, count: int) -> Pixels:
         """Draw `count` pixels of all views, or all if there are fewer, in a random order that is drawn anew at its
         end."""
         if self._next + count > len(self._order):
-            self._order, self._next = self._random.permutation(self._all), 0
+            self._drawn_by, self._next = copy.deepcopy(self._random), 0
+            self._order = np.empty(0, np.uint32)  # freed before the next one is there
+            self._order = self._ordered(self._random)
         chosen = self._order[self._next : self._next + count]
         self._next += count
-        return self._pixels(chosen)
+        return self._pixels(chosen.astype(np.int64))
 
     def draw_view(self, count: int) -> Pixels:
         """Draw `count` different pixels of one view, or all if it has fewer, in rounds of all views."""
         view = self._next_view()
-        valid = self._valid[view]
+        valid = self._valid(view)
         drawn = self._random.permutation(int(self._sizes[view].prod()) if valid is None else valid)
         return self._pixels(self._starts[view] + drawn[:count], view)
 
@@ -134,7 +164,7 @@ class TrainingPixels:
         one valid pixel."""
         view = self._next_view()
         width, height = (int(size) for size in self._sizes[view])
-        valid = self._valid[view]
+        valid = self._valid(view)
         if valid is None:
             left, top = (int(self._random.integers(max(length - side, 0) + 1)) for length in (width, height))
         else:
@@ -151,12 +181,23 @@ class TrainingPixels:
         """A random start of `side` pixels, or all, of a line of `length`, with `place` among them."""
         return int(self._random.integers(max(0, place - side + 1), min(place, max(length - side, 0)) + 1))
 
-    def _unmasked(self) -> int | np.ndarray:
-        """The argument of `permutation` to draw all valid pixels: their number if none is masked, else an array."""
-        if all(valid is None for valid in self._valid):
-            return int(self._starts[-1])
-        pairs = zip(self._starts[:-1], self._sizes.prod(axis=1), self._valid, strict=True)
-        return np.concatenate([start + (np.arange(size) if own is None else own) for start, size, own in pairs])
+    def _valid(self, view: int) -> np.ndarray | None:
+        """The numbers of a view's valid pixels within it; None without a mask."""
+        mask = self._views[view].mask
+        return None if mask is None else np.flatnonzero(mask)
+
+    def _ordered(self, random: np.random.Generator) -> np.ndarray:
+        """(P,) uint32: all valid pixels in a random order."""
+        if all(view.mask is None for view in self._views):
+            order = np.arange(self._starts[-1], dtype=np.uint32)
+        else:
+            valid = (self._valid(view) for view in range(len(self._views)))
+            pairs = zip(self._starts[:-1], self._sizes.prod(axis=1), valid, strict=True)
+            order = np.concatenate(
+                [(start + (np.arange(size) if own is None else own)).astype(np.uint32) for start, size, own in pairs]
+            )
+        random.shuffle(order)
+        return order
 
     def _next_view(self) -> int:
         if not self._round:
