@@ -17,7 +17,8 @@ from filelock import FileLock
 
 from dofbench.core.errors import InputError
 from dofbench.core.jobs import FREED, Busy, Job, Resources
-from dofbench.runtime.processes import LocalProcesses, machine_memory_mb
+from dofbench.runtime.memory import machine_memory_mb
+from dofbench.runtime.processes import LocalProcesses
 
 
 class Log:

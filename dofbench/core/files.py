@@ -11,6 +11,7 @@ import json
 import os
 import shutil
 import tempfile
+import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +22,8 @@ from dofbench.core.readable import parse_json, read_text
 
 # Beginning of the names of files and folders that are being written. Only such are taken for what a killed run left.
 TEMPORARY = ".dofbench-"
+# The umask can't be read without setting it, and it is the whole process's.
+_UMASK = threading.Lock()
 
 
 @contextmanager
@@ -35,8 +38,9 @@ def replacing(path: Path) -> Iterator[Path]:
     handle, name = tempfile.mkstemp(prefix=f"{TEMPORARY}{path.stem}.", suffix=path.suffix, dir=path.parent)
     os.close(handle)
     # mkstemp makes the file private to its owner; a dataset is meant to be shared.
-    umask = os.umask(0)
-    os.umask(umask)
+    with _UMASK:
+        umask = os.umask(0)
+        os.umask(umask)
     temporary = Path(name)
     temporary.chmod(0o666 & ~umask)
     try:

@@ -155,11 +155,21 @@ def _decoded(path: Path, part: int = 0, *, within_display: bool = False, unassoc
     if path.suffix.lower() in _JPEG_SUFFIXES and str(buffer.nativespec().format) == "half":
         return _base_of_jpeg(path)
     window = buffer.roi_full if within_display else buffer.roi
-    pixels = buffer.get_pixels(oiio.FLOAT, window) if not buffer.has_error else None
-    if pixels is None or buffer.has_error:
+    pixels = _pixels(buffer, window, part)
+    if pixels is None:
         raise _unreadable(path, first_line(buffer.geterror), "an image file")
     pixels = np.asarray(pixels, dtype=np.float32)
     return pixels[..., None] if pixels.ndim == 2 else pixels
+
+
+def _pixels(buffer: Any, window: Any, part: int = 0) -> Any:
+    """The pixels of an OpenImageIO buffer in a window, as floats; None where it has an error."""
+    import OpenImageIO as oiio
+
+    # `get_pixels` decodes too, but with Python's lock held, and its cache would keep the pixels.
+    buffer.read(part, 0, True)
+    pixels = buffer.get_pixels(oiio.FLOAT, window) if not buffer.has_error else None
+    return None if buffer.has_error else pixels
 
 
 def _base_of_jpeg(path: Path) -> np.ndarray:
@@ -266,8 +276,8 @@ def read_exr(path: Path) -> np.ndarray:
 
     image_size(path)
     buffer = oiio.ImageBuf(str(path))
-    pixels = buffer.get_pixels(oiio.FLOAT) if not buffer.has_error else None
-    if pixels is None or buffer.has_error:
+    pixels = _pixels(buffer, buffer.roi)
+    if pixels is None:
         raise _unreadable(path, first_line(buffer.geterror), "an EXR file")
     pixels = np.asarray(pixels, dtype=np.float32)
     return np.ascontiguousarray(pixels[..., 0] if pixels.ndim == 3 and pixels.shape[2] == 1 else pixels)

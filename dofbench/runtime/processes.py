@@ -12,7 +12,7 @@ import threading
 import time
 import traceback
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess, parent_process
@@ -23,8 +23,10 @@ from filelock import FileLock, Timeout
 from dofbench.core.clock import loading
 from dofbench.core.errors import one_line
 from dofbench.core.jobs import FREED, Busy, Job, Outcome, Watcher
+from dofbench.runtime.memory import machine_memory_mb
 from dofbench.runtime.memory_evidence import SAMPLE_EVERY, MemoryWatch
 from dofbench.runtime.supervised import recorded, report_deaths
+from dofbench.runtime.threads import allowed_threads
 
 _THREADS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
 # With it a new Python process doesn't look for modules in the current folder, where a stranger's `random.py` may be.
@@ -59,7 +61,7 @@ class LocalProcesses:
         waiting, outcomes = list(jobs), dict[str, Outcome]()
         running: dict[str, _Running] = {}
         workers = max(1, min(self.at_a_time, len(jobs)))
-        threads = max(1, int(os.environ.get("OMP_NUM_THREADS", "1").split(",")[0]) // workers)
+        threads = max(1, allowed_threads() // workers)
         try:
             while waiting or running:
                 ready = [job for job in waiting if job.after is None or job.after in outcomes]
@@ -131,15 +133,6 @@ class LocalProcesses:
         if device == job.takes.device:
             return {}
         return {_VISIBLE: _number(device)}
-
-
-def machine_memory_mb(cgroup: Path = Path("/sys/fs/cgroup")) -> float:
-    """Memory that processes here may use, MB: the machine's, or the container's where that is less."""
-    limits = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
-    for name in ("memory.max", "memory/memory.limit_in_bytes"):
-        with suppress(OSError, ValueError):  # no Linux, no such cgroup, or "max"
-            limits.append(int((cgroup / name).read_text()))
-    return min(limits) / 1e6
 
 
 @dataclass

@@ -17,6 +17,13 @@ def available_cores(cgroup: Path = _CGROUP) -> int:
     return cores if quota is None else max(1, min(cores, math.ceil(quota)))
 
 
+def allowed_threads() -> int:
+    """Threads that this process may use: OMP_NUM_THREADS, where it is set to a number; else `available_cores()`."""
+    # It may list a number for every nesting level ("4,2").
+    first = os.environ.get("OMP_NUM_THREADS", "").split(",")[0].strip()
+    return max(1, int(first)) if first.isdecimal() else available_cores()
+
+
 def configure_threads() -> None:
     """Give torch, BLAS and numba `available_cores()` threads each, unless the user has set the environment variables.
 

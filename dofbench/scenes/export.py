@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -197,12 +197,18 @@ def _check_equal(found: int, expected: int, name: str, other: str) -> None:
 _NEAR_FAR = (0.1, 99.9)  # percentiles of depth that are LLFF's near and far bounds
 
 
-def depth_bounds(depths: Sequence[np.ndarray]) -> np.ndarray | None:
-    """(N, 2) LLFF near and far bounds from the known depths of each of N views, scene units; None if no view has any.
+def view_bounds(known: np.ndarray) -> tuple[float, float]:
+    """LLFF near and far bounds of a view's known depths, scene units; NaN if there is none."""
+    near, far = np.percentile(known, _NEAR_FAR) if known.size else (np.nan, np.nan)
+    return float(near), float(far)
+
+
+def depth_bounds(views: Iterable[tuple[float, float]]) -> np.ndarray | None:
+    """(N, 2) LLFF near and far bounds of N views, of which `view_bounds` gives each; None if no view has any.
 
     A view without any gets the nearest and the farthest bound of all views.
     """
-    bounds = np.array([np.percentile(known, _NEAR_FAR) if known.size else (np.nan, np.nan) for known in depths])
+    bounds = np.array(list(views), dtype=np.float64).reshape(-1, 2)
     told = np.isfinite(bounds[:, 0])
     if not told.any():
         return None

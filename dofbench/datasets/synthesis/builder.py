@@ -24,16 +24,24 @@ from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.datasets.synthesis.depth_bounds import bounds_of_views
 from dofbench.datasets.synthesis.depth_record import make_depth
 from dofbench.datasets.synthesis.depth_sources import source_for
-from dofbench.datasets.synthesis.lens_plan import Plan, deal_plan, draw_plan
+from dofbench.datasets.synthesis.lens_plan import Plan, PlannedView, deal_plan, draw_plan
 from dofbench.datasets.synthesis.light_field import LightField
-from dofbench.datasets.synthesis.masked_views import read_masks, unreached, write_view_mask
+from dofbench.datasets.synthesis.masked_views import unreached, write_view_masks
 from dofbench.datasets.synthesis.method_points import choose_points
 from dofbench.datasets.synthesis.photographing import Optics, exposed
 from dofbench.datasets.synthesis.real_photographs import make_of_photographs
 from dofbench.datasets.synthesis.render_views import Photography, shallow_image, shallow_light, view_record
-from dofbench.datasets.synthesis.scene_source import check_source, encoded, image_digests, light_of, source_record
+from dofbench.datasets.synthesis.scene_source import (
+    check_source,
+    encoded,
+    image_digests,
+    largest_image,
+    light_of,
+    source_record,
+)
 from dofbench.datasets.synthesis.sibling import take_over, take_over_all
 from dofbench.datasets.synthesis.work import WORK, Identity, finish, noise_file, prepare
+from dofbench.runtime.view_threads import over_views, views_at_once
 from dofbench.scenes.depth.given import with_folder_depth
 from dofbench.scenes.depth.network import find_network, network_digest
 from dofbench.scenes.depth.source import SourceId
@@ -44,7 +52,7 @@ from dofbench.scenes.on_disk import clipped_pixels, for_display
 from dofbench.scenes.readers.exif_files import split_by_f_number
 from dofbench.scenes.readers.folders import listed
 from dofbench.scenes.reconstruction.posed_points import program
-from dofbench.scenes.scene import Scene, Split
+from dofbench.scenes.scene import Scene, SceneView, Split
 
 BUILT_IN = "tabletop"
 
@@ -137,7 +145,8 @@ def make(
         field.check(plan)
     elif settings.renderer == "thinlens":
         optics = Optics.of_scene(found.root, settings.lens_samples)
-    source = source_record(scene, found, with_depth=source_id in ("given", "folder"))
+    at_once = views_at_once(largest_image(scene))
+    source = source_record(scene, found, with_depth=source_id in ("given", "folder"), at_once=at_once)
     if expected is not None:
         check_source(source, expected, scene.root)
 
@@ -168,9 +177,11 @@ def make(
             take_over(sibling, out, source, settings)
         if settings.reuse is not None:
             take_over_all(settings.reuse, out, lambda points: identify(replace(settings, points=points)).digest)
-        _all_in_focus(scene, out, settings, progress)
+        _all_in_focus(scene, out, settings, progress, at_once)
         swept = None if field is None else field.depth
-        depth_record, disparity_range = make_depth(scene, source_id, network, settings, out, progress, swept)
+        depth_record, disparity_range = make_depth(
+            scene, source_id, network, settings, out, progress, swept, at_once=at_once
+        )
         shared = Photography(
             # That of a light field is its centre view's, as windows must fit the grid before any depth is made.
             disparity_range=disparity_range if field is None else field.disparity_range,
@@ -184,17 +195,19 @@ def make(
         if isinstance(optics, Optics) and optics.remark:
             print(optics.remark, file=sys.stderr, flush=True)
         shoot = partial(_shoot, out=out, shared=shared, half=settings.linear == "exr-half", optics=optics)
-        records = _shallow(plan, scene, out, shared, shoot, progress)
-        _masks(scene, out, records, shared)
-        scene = scene.noted(_highlights(scene, out))
+        # Mitsuba renders on all cores, and one rendering at a time.
+        records = _shallow(plan, scene, out, shared, shoot, progress, 1 if isinstance(optics, Optics) else at_once)
+        _masks(scene, out, records, shared, at_once)
+        scene = scene.noted(_highlights(scene, out, at_once))
         print_notes(scene)
         source = source.model_copy(update={"notes": scene.notes or None})
         points, points_record = choose_points(scene, settings.points, out, out / WORK / "points", progress)
         scene = replace(scene, points=points)
-        near_far = bounds_of_views(scene, out, settings.points, {view.name for view in scene.views})
+        near_far = bounds_of_views(scene, out, settings.points, {view.name for view in scene.views}, at_once)
         notes = write.geometry(out, scene, near_far)
         write.lens_file(out, shared, records)
-        write.sheet(out, f"{scene.name}: {len(records)} views with a known lens", records, shared.disparity_range)
+        title = f"{scene.name}: {len(records)} views with a known lens"
+        write.sheet(out, title, records, shared.disparity_range, at_once)
         write.readme(out, scene, settings, source, depth_record, points_record, records, notes, shared)
         write.manifest(
             out,
@@ -206,6 +219,7 @@ def make(
             points=points_record,
             identity=identity.digest,
             offset=scene.offset,
+            at_once=at_once,
         )
         finish(out)
     progress.finished(out, f"{len(records)} views")
@@ -218,28 +232,32 @@ def _assigned(views: list[tuple[str, Split]], settings: MakeDataset) -> Plan:
     return deal_plan(views, settings.values, seed=settings.seed, held_out=settings.held_out_values)
 
 
-def _all_in_focus(scene: Scene, out: Path, settings: MakeDataset, progress: Progress) -> None:
+def _all_in_focus(scene: Scene, out: Path, settings: MakeDataset, progress: Progress, at_once: int) -> None:
+    def write_one(view: SceneView) -> None:
+        path = layout.sharp_path(out, view.name)
+        if view.linear is not None:
+            light = layout.sharp_linear_path(out, view.name)
+            if not light.is_file():
+                write_exr(light, light_of(view), half=settings.linear == "exr-half")
+            if not path.is_file():
+                write_png(path, for_display(read_exr(light), settings.gamma))
+        elif not path.is_file():
+            write_png(path, encoded(view))
+
     with progress.stage("all-in-focus", len(scene.views)) as advance:
-        for index, view in enumerate(scene.views):
-            path = layout.sharp_path(out, view.name)
-            if view.linear is not None:
-                light = layout.sharp_linear_path(out, view.name)
-                if not light.is_file():
-                    write_exr(light, light_of(view), half=settings.linear == "exr-half")
-                if not path.is_file():
-                    write_png(path, for_display(read_exr(light), settings.gamma))
-            elif not path.is_file():
-                write_png(path, encoded(view))
-            advance(index + 1)
+        for done, _ in enumerate(over_views(write_one, scene.views, at_once), 1):
+            advance(done)
 
 
-def _highlights(scene: Scene, out: Path) -> str:
+def _highlights(scene: Scene, out: Path, at_once: int) -> str:
     """How much of a scene of linear light the encoded images clip; empty for other scenes."""
-    views = [view.name for view in scene.views if view.linear is not None]
-    lights = (read_exr(layout.sharp_linear_path(out, name)) for name in views)
-    clipped, pixels = 0, 0
-    for light in lights:
-        clipped, pixels = clipped + clipped_pixels(light), pixels + light.shape[0] * light.shape[1]
+
+    def count(name: str) -> tuple[int, int]:
+        light = read_exr(layout.sharp_linear_path(out, name))
+        return clipped_pixels(light), light.shape[0] * light.shape[1]
+
+    counts = list(over_views(count, [view.name for view in scene.views if view.linear is not None], at_once))
+    clipped, pixels = (sum(one[index] for one in counts) for index in (0, 1))
     if not clipped:
         return ""
     return (
@@ -255,29 +273,35 @@ def _shallow(
     shared: Photography,
     shoot: Callable[[ViewRecord, Camera, np.ndarray], ViewRecord],
     progress: Progress,
+    at_once: int,
 ) -> list[ViewRecord]:
-    records = []
     camera_of = {view.name: view.camera for view in scene.views}
+
+    def shoot_one(planned: PlannedView) -> ViewRecord:
+        depth_map = read_exr(layout.depth_path(out, planned.name))
+        try:
+            record = view_record(planned, depth_map, shared)
+        except ValueError:
+            raise InputError(
+                f"view {planned.name}", "no pixel of known depth", "some, for a normaliser of its own"
+            ) from None
+        return shoot(record, camera_of[planned.name], depth_map)
+
+    records = []
     with progress.stage("blur", len(plan.views)) as advance:
-        for index, planned in enumerate(plan.views):
-            depth_map = read_exr(layout.depth_path(out, planned.name))
-            try:
-                record = view_record(planned, depth_map, shared)
-            except ValueError:
-                raise InputError(
-                    f"view {planned.name}", "no pixel of known depth", "some, for a normaliser of its own"
-                ) from None
-            records.append(shoot(record, camera_of[planned.name], depth_map))
-            advance(index + 1)
+        for record in over_views(shoot_one, plan.views, at_once):
+            records.append(record)
+            advance(len(records))
     return records
 
 
-def _masks(scene: Scene, out: Path, records: Sequence[ViewRecord], shared: Photography) -> None:
-    masks = read_masks(scene)
-    for record in records:
-        if record.name in masks and not layout.mask_path(out, record.name).is_file():
-            depth = read_exr(layout.depth_path(out, record.name))
-            write_view_mask(out, record.name, unreached(masks[record.name], depth, record, shared))
+def _masks(scene: Scene, out: Path, records: Sequence[ViewRecord], shared: Photography, at_once: int) -> None:
+    lens_of = {record.name: record for record in records}
+
+    def reached(view: SceneView, mask: np.ndarray) -> np.ndarray:
+        return unreached(mask, read_exr(layout.depth_path(out, view.name)), lens_of[view.name], shared)
+
+    write_view_masks(scene, out, reached, at_once)
 
 
 def _shoot(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -11,6 +11,7 @@ import numpy as np
 from dofbench.core.lens import DisparityRange
 from dofbench.datasets.format.schema import ViewRecord
 from dofbench.datasets.synthesis.sheet_drawing import Column, Panel, coloured, draw
+from dofbench.runtime.view_threads import over_views
 from dofbench.scenes.depth.disparity import disparity_of
 from dofbench.scenes.scene import Scene, SceneView, Split
 
@@ -71,51 +72,65 @@ def choose_photographs(scene: Scene, count: int = _ROWS) -> list[SceneView]:
     return sorted(chosen, key=lambda view: view.name)
 
 
-def contact_sheet(title: str, rows: Sequence[SheetRow], disparity_range: DisparityRange) -> np.ndarray:
-    """Draw the sheet of views with a known lens; (H, W, 3) uint8.
+def contact_sheet(
+    title: str,
+    records: Sequence[ViewRecord],
+    read: Callable[[ViewRecord], SheetRow],
+    size: tuple[int, int],
+    disparity_range: DisparityRange,
+    at_once: int,
+) -> np.ndarray:
+    """Draw the sheet of views with a known lens; (H, W, 3) uint8. size: of every picture. at_once: views at a time.
 
     Depth is drawn as normalised disparity, the CoC radius up to the largest one on the sheet, each
     with its colour bar. Grey is unknown depth.
     """
-    most = max([row.record.max_coc_px for row in rows] + [1.0])
-    drawn = []
-    for row in rows:
-        known, record = row.depth > 0, row.record
-        disparity = disparity_of(row.depth)
-        radius = np.abs(
-            record.lens.physical(disparity_range, row.depth.shape[1]).signed_radius(disparity, row.depth.shape[1])
+    most = max([record.max_coc_px for record in records] + [1.0])
+
+    def panels(record: ViewRecord) -> list[Panel]:
+        row = read(record)
+        known, width = row.depth > 0, row.depth.shape[1]
+        radius = np.abs(record.lens.physical(disparity_range, width).signed_radius(disparity_of(row.depth), width))
+        drawn = (
+            Panel(row.sharp, f"{record.name}  ({record.split})"),
+            _depth_panel(row.depth, disparity_range),
+            Panel(coloured(radius / most, known, COC), f"up to {record.max_coc_px:.1f} px"),
+            Panel(row.shallow, f"A {record.aperture:.3g}   F {record.focus:.3g}"),
         )
-        drawn.append(
-            (
-                Panel(row.sharp, f"{record.name}  ({record.split})"),
-                _depth_panel(row.depth, disparity_range),
-                Panel(coloured(radius / most, known, COC), f"up to {record.max_coc_px:.1f} px"),
-                Panel(row.shallow, f"A {record.aperture:.3g}   F {record.focus:.3g}"),
-            )
-        )
-    return draw(
-        title,
-        (Column("all in focus"), _DEPTH, Column("CoC radius", COC, ("0", f"{most:.1f} px")), Column("shallow")),
-        drawn,
-    )
+        return [panel.resized(size) for panel in drawn]
+
+    columns = (Column("all in focus"), _DEPTH, Column("CoC radius", COC, ("0", f"{most:.1f} px")), Column("shallow"))
+    return draw(title, columns, list(over_views(panels, records, at_once)), size)
 
 
-def photographs_sheet(title: str, rows: Sequence[PhotographRow], disparity_range: DisparityRange | None) -> np.ndarray:
-    """Draw the sheet of photographs of unknown lens; (H, W, 3) uint8.
+def photographs_sheet(
+    title: str,
+    views: Sequence[SceneView],
+    read: Callable[[SceneView], PhotographRow],
+    size: tuple[int, int],
+    disparity_range: DisparityRange | None,
+    at_once: int,
+) -> np.ndarray:
+    """Draw the sheet of photographs of unknown lens; (H, W, 3) uint8. size: of every picture. at_once: views at a time.
 
     A column is drawn if any row has a picture for it; a missing picture is drawn as a grey panel with a note.
     """
-    columns = [Column("photograph, lens unknown")]
-    drawn = [[Panel(row.photograph, f"{row.name}  ({row.split})")] for row in rows]
-    if any(row.sharp is not None for row in rows):
-        columns.append(Column("all in focus"))
-        for row, panels in zip(rows, drawn, strict=True):
-            panels.append(Panel(row.sharp, "no such photograph" if row.sharp is None else ""))
-    if disparity_range is not None and any(row.depth is not None for row in rows):
-        columns.append(_DEPTH)
-        for row, panels in zip(rows, drawn, strict=True):
-            panels.append(Panel(None, "unknown") if row.depth is None else _depth_panel(row.depth, disparity_range))
-    return draw(title, columns, drawn)
+
+    def panels(view: SceneView) -> list[Panel]:
+        row = read(view)
+        drawn = (
+            Panel(row.photograph, f"{row.name}  ({row.split})"),
+            Panel(row.sharp, "no such photograph" if row.sharp is None else ""),
+            Panel(None, "unknown")
+            if row.depth is None or disparity_range is None
+            else _depth_panel(row.depth, disparity_range),
+        )
+        return [panel.resized(size) for panel in drawn]
+
+    rows = list(over_views(panels, views, at_once))
+    columns = (Column("photograph, lens unknown"), Column("all in focus"), _DEPTH)
+    shown = [index for index in range(len(columns)) if any(row[index].picture is not None for row in rows)]
+    return draw(title, [columns[index] for index in shown], [[row[index] for index in shown] for row in rows], size)
 
 
 def _depth_panel(depth: np.ndarray, disparity_range: DisparityRange) -> Panel:

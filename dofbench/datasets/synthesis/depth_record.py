@@ -21,6 +21,7 @@ from dofbench.datasets.format.schema import ConsistencyRecord, DepthRecord, Dept
 from dofbench.datasets.synthesis import depth_sources
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.datasets.synthesis.work import DEPTH_RECORD, WORK
+from dofbench.runtime.view_threads import over_views, views_at_once
 from dofbench.scenes.depth.disparity import scene_range
 from dofbench.scenes.depth.multi_view import AGREEMENT, Consistency, consistencies, views_off
 from dofbench.scenes.depth.source import DepthSource, SourceId
@@ -41,17 +42,19 @@ def make_depth(
     out: Path,
     progress: Progress,
     source: DepthSource | None = None,
+    *,
+    at_once: int = 1,
 ) -> tuple[DepthRecord, DisparityRange]:
     """Write depth and confidence of every view; returns their record and the disparity range of all views.
 
-    source: where it is open already. Files that an earlier run finished are kept. Raises InputError when the source
-    can't give the depth, or no pixel is known.
+    source: where it is open already. at_once: views at a time. Files that an earlier run finished are kept. Raises
+    InputError when the source can't give the depth, or no pixel is known.
     """
     kept = out / WORK / DEPTH_RECORD
     if kept.is_file() and all(_files_there(out, view) for view in scene.views):
         record = DepthRecord.model_validate(read_json(kept))
         if record.views:
-            return record, _range(scene, out)
+            return record, _range(scene, out, at_once)
     steps = settings.depth_steps if source_id == "splat" else len(scene.views)
     opened = partial(
         depth_sources.open_source,
@@ -61,6 +64,7 @@ def make_depth(
         seed=settings.seed,
         work=out / WORK,
         network=network,
+        at_once=at_once,
     )
     if source is None and source_id in _PREPARATION:
         with progress.stage(_PREPARATION[source_id], steps) as prepared:
@@ -69,10 +73,10 @@ def make_depth(
         source = opened()
     found = []
     with progress.stage("depth", len(scene.views)) as advance:
-        for index, view in enumerate(scene.views):
-            found.append(_one_view(source, view, out))
-            advance(index + 1)
-    disparity_range = _range(scene, out)
+        for one in over_views(partial(_one_view, source, out), scene.views, at_once):
+            found.append(one)
+            advance(len(found))
+    disparity_range = _range(scene, out, at_once)
     with progress.stage("consistency", len(scene.views)) as advance:
         agreement = consistencies(
             [view.name for view in scene.views],
@@ -81,6 +85,7 @@ def make_depth(
             scene.points,
             disparity_range,
             advance,
+            at_once=at_once,
         )
     record = DepthRecord(
         source=source.id,
@@ -103,8 +108,9 @@ def check_depth(dataset: Dataset) -> list[str]:
     """
     measured = [index for index, view in enumerate(dataset.views) if view.has_depth]
     names = [dataset.views[index].name for index in measured]
-    problems = [problem for name in names if (problem := _odd_confidence(dataset, name))]
-    found = _agreement(dataset, measured)
+    at_once = views_at_once(max((view.camera.width * view.camera.height for view in dataset.views), default=0))
+    problems = list(filter(None, over_views(partial(_odd_confidence, dataset), names, at_once)))
+    found = _agreement(dataset, measured, at_once)
     usual = np.median([(one.difference, 1 - one.consistent) for one in found if one is not None] or [(0, 0)], axis=0)
     for index in views_off(found):
         one = found[index]
@@ -130,7 +136,7 @@ def _odd_confidence(dataset: Dataset, view: str) -> str | None:
     return None
 
 
-def _agreement(dataset: Dataset, measured: Sequence[int]) -> Sequence[Consistency | None]:
+def _agreement(dataset: Dataset, measured: Sequence[int], at_once: int) -> Sequence[Consistency | None]:
     """The consistency of the views that have depth; measured: their indices among the dataset's views."""
     if not measured:
         return []
@@ -148,6 +154,7 @@ def _agreement(dataset: Dataset, measured: Sequence[int]) -> Sequence[Consistenc
         depth_of,
         None if dataset.points is None else dataset.points.seen_by(measured),
         dataset.disparity_range,
+        at_once=at_once,
     )
 
 
@@ -155,7 +162,7 @@ def _files_there(out: Path, view: SceneView) -> bool:
     return layout.depth_path(out, view.name).is_file() and layout.confidence_path(out, view.name).is_file()
 
 
-def _one_view(source: DepthSource, view: SceneView, out: Path) -> DepthViewRecord:
+def _one_view(source: DepthSource, out: Path, view: SceneView) -> DepthViewRecord:
     """Estimate a view's depth and write it, unless an earlier run has finished it; the record is written last."""
     noted = out / WORK / _VIEWS / f"{inside(view.name, 'view')}.json"
     if noted.is_file() and _files_there(out, view):
@@ -203,9 +210,9 @@ def _consistency_record(found: Consistency | None) -> ConsistencyRecord | None:
     return ConsistencyRecord(neighbours=found.neighbours, **figures)
 
 
-def _range(scene: Scene, out: Path) -> DisparityRange:
+def _range(scene: Scene, out: Path, at_once: int) -> DisparityRange:
     def maps() -> Iterator[np.ndarray]:
-        return (read_exr(layout.depth_path(out, view.name)) for view in scene.views)
+        return over_views(lambda view: read_exr(layout.depth_path(out, view.name)), scene.views, at_once)
 
     try:
         return scene_range(maps)

@@ -33,17 +33,18 @@ def open_source(
     work: Path,
     network: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
+    at_once: int = 1,
 ) -> DepthSource:
     """Prepare the source for all views of the scene.
 
     steps, seed: of the reconstruction for "splat"; network: the file for "onnx"; work: a folder that keeps slow
-    results, so that they are computed once; progress: called with (done, total) meanwhile. Raises InputError when the
-    scene lacks what the source needs.
+    results, so that they are computed once; progress: called with (done, total) meanwhile; at_once: views to work on at
+    a time. Raises InputError when the scene lacks what the source needs.
     """
     if source == "splat":
         from dofbench.training.gaussians.scene_fit import SplatDepth
 
-        return SplatDepth.make(scene, steps=steps, seed=seed, work=work, progress=progress)
+        return SplatDepth.make(scene, steps=steps, seed=seed, work=work, progress=progress, at_once=at_once)
     if source == "sfm":
         from dofbench.scenes.depth.sfm import SfmDepth
 
@@ -52,7 +53,7 @@ def open_source(
         from dofbench.scenes.depth.onnx import OnnxDepth
 
         assert network is not None, "the source onnx needs a network"
-        return OnnxDepth.make(scene, network=network, work=work, progress=progress)
+        return OnnxDepth.make(scene, network=network, work=work, progress=progress, at_once=at_once)
     from dofbench.scenes.depth.given import GivenDepth
 
     return GivenDepth(scene, source)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,23 +14,28 @@ from dofbench.datasets.format import layout
 from dofbench.datasets.format.schema import ViewRecord
 from dofbench.datasets.format.sensor import Sensor
 from dofbench.datasets.synthesis.render_views import Photography, shallow_image
-from dofbench.scenes.scene import Scene
+from dofbench.runtime.view_threads import over_views
+from dofbench.scenes.scene import Scene, SceneView
 
 # Share of a blurred pixel's light that may come from masked pixels, whose colour is unknown: with more it is masked.
 REACHED = 0.01
 
 
-def read_masks(scene: Scene) -> dict[str, np.ndarray]:
-    """The mask of every view that has masked pixels, by name."""
-    found = {view.name: view.mask() for view in scene.views if view.mask is not None}
-    return {name: mask for name, mask in found.items() if not mask.all()}
+def write_view_masks(
+    scene: Scene, out: Path, changed: Callable[[SceneView, np.ndarray], np.ndarray], at_once: int
+) -> None:
+    """Write the mask of every view that has masked pixels, unless it is there.
 
+    changed: gives the mask to write, (H, W) bool, for a view and the scene's mask of it. at_once: views at a time.
+    """
 
-def write_view_mask(out: Path, name: str, mask: np.ndarray) -> None:
-    """Write a view's mask, (H, W) bool, unless it is there."""
-    path = layout.mask_path(out, name)
-    if not path.is_file():
-        write_mask(path, mask)
+    def write_one(view: SceneView) -> None:
+        path = layout.mask_path(out, view.name)
+        if view.mask is not None and not path.is_file() and not (mask := view.mask()).all():
+            write_mask(path, changed(view, mask))
+
+    for _ in over_views(write_one, scene.views, at_once):
+        pass
 
 
 def unreached(mask: np.ndarray, depth: np.ndarray, record: ViewRecord, shared: Photography) -> np.ndarray:

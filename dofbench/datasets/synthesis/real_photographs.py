@@ -22,16 +22,23 @@ from dofbench.datasets.synthesis import write
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.datasets.synthesis.depth_bounds import bounds_of_views
 from dofbench.datasets.synthesis.depth_record import make_depth
-from dofbench.datasets.synthesis.masked_views import read_masks, write_view_mask
+from dofbench.datasets.synthesis.masked_views import write_view_masks
 from dofbench.datasets.synthesis.method_points import choose_points
 from dofbench.datasets.synthesis.readme import photographs_readme
-from dofbench.datasets.synthesis.scene_source import check_source, encoded, image_digests, source_record
+from dofbench.datasets.synthesis.scene_source import (
+    check_source,
+    encoded,
+    image_digests,
+    largest_image,
+    source_record,
+)
 from dofbench.datasets.synthesis.work import WORK, Identity, finish, prepare
+from dofbench.runtime.view_threads import over_views, views_at_once
 from dofbench.scenes.depth.given import require_depth, with_folder_depth
 from dofbench.scenes.depth.source import SourceId
 from dofbench.scenes.named import ResolvedScene
 from dofbench.scenes.reconstruction.posed_points import program
-from dofbench.scenes.scene import Scene
+from dofbench.scenes.scene import Scene, SceneView
 
 
 def make_of_photographs(
@@ -48,7 +55,8 @@ def make_of_photographs(
     """
     settings.check_unblurred(scene.name)
     scene = _with_depth(scene, settings)
-    source = source_record(scene, found, with_depth=True)
+    at_once = views_at_once(largest_image(scene))
+    source = source_record(scene, found, with_depth=True, at_once=at_once)
     if expected is not None:
         check_source(source, expected, scene.root)
     recipe = settings.photograph_recipe()
@@ -73,17 +81,16 @@ def make_of_photographs(
         if prepare(out, identity) == "complete":
             progress.finished(out, "up to date")
             return out
-        _photographs(scene, out, progress)
-        for name, mask in read_masks(scene).items():
-            write_view_mask(out, name, mask)
-        depth, disparity_range = _depth(scene, settings, out, progress)
+        _photographs(scene, out, progress, at_once)
+        write_view_masks(scene, out, lambda _, mask: mask, at_once)
+        depth, disparity_range = _depth(scene, settings, out, progress, at_once)
         points, points_record = choose_points(scene, settings.points, out, out / WORK / "points", progress)
         scene = replace(scene, points=points)
         measured = {record.view for record in depth.views} if depth is not None else set()
-        notes = write.geometry(out, scene, bounds_of_views(scene, out, settings.points, measured), measured)
+        notes = write.geometry(out, scene, bounds_of_views(scene, out, settings.points, measured, at_once), measured)
         write.unknown_lens_file(out, scene, disparity_range)
         write.exif_file(out, scene)
-        write.photographs_sheet(out, scene, measured, disparity_range)
+        write.photographs_sheet(out, scene, measured, disparity_range, at_once)
         bounded = (out / layout.POSES_BOUNDS).is_file()
         write_text(
             out / write.README,
@@ -99,6 +106,7 @@ def make_of_photographs(
             points=points_record,
             identity=identity.digest,
             offset=scene.offset,
+            at_once=at_once,
         )
         finish(out)
     progress.finished(out, f"{len(scene.views)} views of unknown lens")
@@ -118,20 +126,22 @@ def _exif_data(scene: Scene) -> dict[str, dict[str, Any]]:
     return {view.name: view.exif.as_data() for view in scene.views if view.exif is not None}
 
 
-def _photographs(scene: Scene, out: Path, progress: Progress) -> None:
+def _photographs(scene: Scene, out: Path, progress: Progress, at_once: int) -> None:
+    def write_one(view: SceneView) -> None:
+        places = [layout.shallow_path, *([layout.sharp_path] if view.photograph == "all-in-focus" else [])]
+        missing = [path for place in places if not (path := place(out, view.name)).is_file()]
+        if missing:
+            image = encoded(view)
+            for path in missing:
+                write_png(path, image)
+
     with progress.stage("photographs", len(scene.views)) as advance:
-        for index, view in enumerate(scene.views):
-            places = [layout.shallow_path, *([layout.sharp_path] if view.photograph == "all-in-focus" else [])]
-            missing = [path for place in places if not (path := place(out, view.name)).is_file()]
-            if missing:
-                image = encoded(view)
-                for path in missing:
-                    write_png(path, image)
-            advance(index + 1)
+        for done, _ in enumerate(over_views(write_one, scene.views, at_once), 1):
+            advance(done)
 
 
 def _depth(
-    scene: Scene, settings: MakeDataset, out: Path, progress: Progress
+    scene: Scene, settings: MakeDataset, out: Path, progress: Progress, at_once: int
 ) -> tuple[DepthRecord | None, DisparityRange | None]:
     """Depth of the views that have it, and the range of their disparity; (None, None) without any."""
     indices = [index for index, view in enumerate(scene.views) if view.depth is not None]
@@ -140,4 +150,4 @@ def _depth(
     points = None if scene.points is None else scene.points.seen_by(indices)
     measured = replace(scene, views=tuple(scene.views[index] for index in indices), points=points)
     source: SourceId = "folder" if settings.depth_source[0] == "folder" else "given"
-    return make_depth(measured, source, None, settings, out, progress)
+    return make_depth(measured, source, None, settings, out, progress, at_once=at_once)

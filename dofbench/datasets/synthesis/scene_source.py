@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +13,34 @@ from dofbench.core.errors import InputError
 from dofbench.core.files import canonical_json, sha256_file, sha256_text
 from dofbench.core.images import image_size, to_8bit
 from dofbench.datasets.format.schema import SourceImage, SourceRecord
+from dofbench.runtime.view_threads import over_views
 from dofbench.scenes.named import ResolvedScene
 from dofbench.scenes.scene import Scene, SceneView
 
 
-def source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> SourceRecord:
-    """The record of a scene's content. with_depth: whether its depth maps are part of it."""
+def largest_image(scene: Scene) -> int:
+    """Pixels of the largest image that is read or written for a view."""
+    return max(max(view.camera.width * view.camera.height, math.prod(image_size(view.source))) for view in scene.views)
+
+
+def source_record(scene: Scene, found: ResolvedScene, with_depth: bool, at_once: int) -> SourceRecord:
+    """The record of a scene's content. with_depth: whether its depth maps are part of it. at_once: views to read at a
+    time."""
     digest = hashlib.sha256()
-    for view in scene.views:
+
+    def content(view: SceneView) -> tuple[np.ndarray | None, SourceImage]:
+        image = SourceImage(
+            view=view.name,
+            sha256=sha256_file(view.source),
+            photograph=view.photograph if scene.photographs == "shallow" else None,
+            mask=_mask_digest(view),
+            linear=None if view.linear is None else True,
+        )
+        depth = view.depth() if with_depth and view.depth is not None else None
+        return None if depth is None else np.ascontiguousarray(depth, dtype=np.float32), image
+
+    images = []
+    for view, (depth, image) in zip(scene.views, over_views(content, scene.views, at_once), strict=True):
         camera = view.camera
         digest.update(
             canonical_json(
@@ -32,8 +53,9 @@ def source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> Sourc
                 }
             ).encode()
         )
-        if with_depth and view.depth is not None:
-            digest.update(np.ascontiguousarray(view.depth(), dtype=np.float32).tobytes())
+        if depth is not None:
+            digest.update(depth.data)
+        images.append(image)
     if scene.offset != NO_OFFSET:
         digest.update(canonical_json({"offset": scene.offset}).encode())
     if scene.points is not None:
@@ -43,16 +65,7 @@ def source_record(scene: Scene, found: ResolvedScene, with_depth: bool) -> Sourc
         scene=scene.name,
         layout=scene.layout,
         geometry=digest.hexdigest(),
-        images=tuple(
-            SourceImage(
-                view=view.name,
-                sha256=sha256_file(view.source),
-                photograph=view.photograph if scene.photographs == "shallow" else None,
-                mask=_mask_digest(view),
-                linear=None if view.linear is None else True,
-            )
-            for view in scene.views
-        ),
+        images=tuple(images),
         licence=found.licence,
         terms=found.terms,
         citation=found.citation,

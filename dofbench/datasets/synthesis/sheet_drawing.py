@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -27,6 +27,10 @@ class Panel:
     picture: np.ndarray | None
     caption: str
 
+    def resized(self, size: tuple[int, int]) -> Panel:
+        """The panel with its picture at this width and height."""
+        return self if self.picture is None else replace(self, picture=resize(self.picture, *size))
+
 
 @dataclass(frozen=True)
 class Column:
@@ -38,9 +42,9 @@ class Column:
     ends: tuple[str, str] = ("", "")
 
 
-def draw(title: str, columns: Sequence[Column], rows: Sequence[Sequence[Panel]]) -> np.ndarray:
-    """Draw the panels below their headings; (H, W, 3) uint8. All pictures get the size of the first panel's picture."""
-    width, height = _thumb_size(rows[0][0].picture)
+def draw(title: str, columns: Sequence[Column], rows: Sequence[Sequence[Panel]], size: tuple[int, int]) -> np.ndarray:
+    """Draw the panels below their headings; (H, W, 3) uint8. size: width and height of every picture."""
+    width, height = size
     sheet = np.empty(
         (
             _HEADER + len(rows) * (height + _CAPTION + _GAP) + _MARGIN,
@@ -59,18 +63,14 @@ def draw(title: str, columns: Sequence[Column], rows: Sequence[Sequence[Panel]])
     for index, row in enumerate(rows):
         top = _HEADER + index * (height + _CAPTION + _GAP)
         for left, panel in zip(lefts, row, strict=True):
-            sheet[top : top + height, left : left + width] = (
-                _UNKNOWN if panel.picture is None else resize(panel.picture, width, height)
-            )
+            sheet[top : top + height, left : left + width] = _UNKNOWN if panel.picture is None else panel.picture
             _write(sheet, panel.caption, left, top + height + 17, scale=0.42, room=width, colour=_FAINT)
     return sheet
 
 
-def _thumb_size(picture: np.ndarray | None) -> tuple[int, int]:
-    """Width and height of all pictures: with this picture's aspect ratio and a longest side of _THUMB; small pictures
-    are enlarged."""
-    assert picture is not None
-    height, width = picture.shape[:2]
+def thumb_size(width: int, height: int) -> tuple[int, int]:
+    """Width and height of all pictures: with the aspect ratio of an image of this size and a longest side of _THUMB;
+    small pictures are enlarged."""
     scale = _THUMB / max(width, height)
     return max(1, round(width * scale)), max(1, round(height * scale))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import sha256_file
-from dofbench.core.images import read_exr, read_image, to_8bit
+from dofbench.core.images import image_size, read_exr, read_image, to_8bit
 from dofbench.core.lens import Lens
 from dofbench.core.similarity import psnr as psnr_of
 from dofbench.datasets.format import layout
@@ -31,6 +31,8 @@ from dofbench.datasets.synthesis.lens_plan import PlannedView
 from dofbench.datasets.synthesis.points_check import check_points
 from dofbench.datasets.synthesis.render_views import Photography, shallow_image, shallow_light, view_record
 from dofbench.optics.tone import decode, encode
+from dofbench.runtime.threads import allowed_threads
+from dofbench.runtime.view_threads import over_views, views_at_once
 from dofbench.scenes.depth.disparity import disparity_of
 from dofbench.scenes.named.library import contradiction, role_of_recipe
 
@@ -121,15 +123,15 @@ def blurred_again(
 
 
 def _check_files(folder: Path, manifest: Manifest) -> list[str]:
-    problems = []
-    for name, record in manifest.files.items():
-        path = folder / name
+    def check(name: str) -> str:
+        path, record = folder / name, manifest.files[name]
         if not path.is_file():
-            problems.append(f"{name}: missing")
-        elif path.stat().st_size != record.size:
-            problems.append(f"{name}: {path.stat().st_size} bytes, {record.size} in {MANIFEST}")
-        elif sha256_file(path) != record.sha256:
-            problems.append(f"{name}: content differs from its checksum in {MANIFEST}")
+            return f"{name}: missing"
+        if path.stat().st_size != record.size:
+            return f"{name}: {path.stat().st_size} bytes, {record.size} in {MANIFEST}"
+        return "" if sha256_file(path) == record.sha256 else f"{name}: content differs from its checksum in {MANIFEST}"
+
+    problems = list(filter(None, over_views(check, manifest.files, allowed_threads())))
     found = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
     problems += [f"{name}: not in {MANIFEST}" for name in sorted(found - manifest.files.keys() - {MANIFEST})]
     expected = set(write.expected_files(folder, manifest.source, manifest.depth))
@@ -147,10 +149,15 @@ def _check_lenses(folder: Path, lenses: LensFile | UnknownLensFile, manifest: Ma
         return [*problems, *_check_split(lenses, manifest)]
     if lenses.normaliser != manifest.settings.get("normaliser", "scene"):
         problems.append(f"lens.json: normaliser {lenses.normaliser}, {manifest.settings.get('normaliser')} in settings")
-    for record in lenses.known:
+
+    def check(record: ViewRecord) -> list[str]:
         depth_path, image_path = layout.depth_path(folder, record.name), layout.shallow_path(folder, record.name)
-        if depth_path.is_file() and image_path.is_file():
-            problems += _check_lens(record, lenses, read_exr(depth_path))
+        is_there = depth_path.is_file() and image_path.is_file()
+        return _check_lens(record, lenses, read_exr(depth_path)) if is_there else []
+
+    there = (path for record in lenses.known if (path := layout.depth_path(folder, record.name)).is_file())
+    at_once = views_at_once(max((math.prod(image_size(path)) for path in there), default=0))
+    problems += [problem for found in over_views(check, lenses.known, at_once) for problem in found]
     problems += _check_split(lenses, manifest)
     return problems
 

@@ -13,7 +13,7 @@ from dofbench.core.cameras import NO_OFFSET, Offset
 from dofbench.core.digests import write_with_digest
 from dofbench.core.files import sha256_file, write_json, write_text
 from dofbench.core.image_files.exif import EXIF_FILE, write_exif
-from dofbench.core.images import read_exr, read_image, to_8bit, write_png
+from dofbench.core.images import image_size, read_exr, read_image, to_8bit, write_png
 from dofbench.core.lens import DisparityRange
 from dofbench.datasets.format import layout
 from dofbench.datasets.format.points_record import PointsRecord
@@ -44,8 +44,10 @@ from dofbench.datasets.synthesis.contact_sheet import photographs_sheet as draw_
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
 from dofbench.datasets.synthesis.readme import dataset_readme
 from dofbench.datasets.synthesis.render_views import Photography
+from dofbench.datasets.synthesis.sheet_drawing import thumb_size
+from dofbench.runtime.view_threads import over_views
 from dofbench.scenes import export
-from dofbench.scenes.scene import Scene
+from dofbench.scenes.scene import Scene, SceneView
 
 SHEET, README = "contact_sheet.png", "README.md"
 
@@ -78,36 +80,42 @@ def exif_file(root: Path, scene: Scene) -> None:
         write_exif(root, known)
 
 
-def sheet(root: Path, title: str, records: Sequence[ViewRecord], disparity_range: DisparityRange) -> None:
-    """Draw the contact sheet from the files of a few views."""
-    rows = [
-        SheetRow(
+def sheet(root: Path, title: str, records: Sequence[ViewRecord], disparity_range: DisparityRange, at_once: int) -> None:
+    """Draw the contact sheet from the files of a few views, `at_once` at a time."""
+
+    def read(record: ViewRecord) -> SheetRow:
+        return SheetRow(
             record=record,
             sharp=to_8bit(read_image(layout.sharp_path(root, record.name))),
             depth=read_exr(layout.depth_path(root, record.name)),
             shallow=to_8bit(read_image(layout.shallow_path(root, record.name))),
         )
-        for record in choose_rows(records)
-    ]
-    write_png(root / SHEET, contact_sheet(title, rows, disparity_range))
+
+    chosen = choose_rows(records)
+    size = thumb_size(*image_size(layout.sharp_path(root, chosen[0].name)))
+    write_png(root / SHEET, contact_sheet(title, chosen, read, size, disparity_range, at_once))
 
 
-def photographs_sheet(root: Path, scene: Scene, measured: Set[str], disparity_range: DisparityRange | None) -> None:
-    """Draw the contact sheet of photographs of unknown lens. measured: the views that have depth."""
-    rows = []
-    for view in choose_photographs(scene):
+def photographs_sheet(
+    root: Path, scene: Scene, measured: Set[str], disparity_range: DisparityRange | None, at_once: int
+) -> None:
+    """Draw the contact sheet of photographs of unknown lens. measured: the views that have depth. at_once: views at a
+    time."""
+
+    def read(view: SceneView) -> PhotographRow:
         sharp = view.photograph == "all-in-focus"
-        rows.append(
-            PhotographRow(
-                name=view.name,
-                split=view.split,
-                photograph=to_8bit(read_image(layout.shallow_path(root, view.name))),
-                sharp=to_8bit(read_image(layout.sharp_path(root, view.name))) if sharp else None,
-                depth=read_exr(layout.depth_path(root, view.name)) if view.name in measured else None,
-            )
+        return PhotographRow(
+            name=view.name,
+            split=view.split,
+            photograph=to_8bit(read_image(layout.shallow_path(root, view.name))),
+            sharp=to_8bit(read_image(layout.sharp_path(root, view.name))) if sharp else None,
+            depth=read_exr(layout.depth_path(root, view.name)) if view.name in measured else None,
         )
+
+    chosen = choose_photographs(scene)
     title = f"{scene.name}: {len(scene.views)} views, lens unknown"
-    write_png(root / SHEET, draw_photographs(title, rows, disparity_range))
+    size = thumb_size(*image_size(layout.shallow_path(root, chosen[0].name)))
+    write_png(root / SHEET, draw_photographs(title, chosen, read, size, disparity_range, at_once))
 
 
 def readme(
@@ -172,13 +180,16 @@ def manifest(
     points: PointsRecord,
     identity: str,
     offset: Offset,
+    at_once: int,
 ) -> None:
     """Write dataset.json with all files of the folder, which makes the dataset complete. recipe: the settings to
-    record. offset: the scene's."""
-    files = {
-        file: FileRecord(sha256=sha256_file(root / file), size=(root / file).stat().st_size)
-        for file in expected_files(root, source, depth)
-    }
+    record. offset: the scene's. at_once: files to read at a time."""
+
+    def record_of(file: str) -> FileRecord:
+        return FileRecord(sha256=sha256_file(root / file), size=(root / file).stat().st_size)
+
+    names = expected_files(root, source, depth)
+    files = dict(zip(names, over_views(record_of, names, at_once), strict=True))
     record = Manifest(
         schema=SCHEMA,
         version=SIGNED,

@@ -19,7 +19,7 @@ from dofbench.core.images import read_image, write_png
 from dofbench.core.lens import PhysicalLens
 from dofbench.core.masks import write_mask
 from dofbench.core.readable import read_array
-from dofbench.scenes.export import depth_bounds, write_colmap, write_poses_bounds, write_transforms
+from dofbench.scenes.export import depth_bounds, view_bounds, write_colmap, write_poses_bounds, write_transforms
 from dofbench.scenes.visibility import visible
 
 
@@ -55,7 +55,7 @@ def write_training_set(folder: Path, training_set: TrainingSet) -> None:
             entry["mask_path"] = f"masks/{file}"
     write_transforms(folder / "transforms.json", [f"images/{file}" for file in files], cameras, extra=named)
     if points is not None and len(points):
-        bounds = depth_bounds([visible(points, camera, index).depth for index, camera in enumerate(cameras)])
+        bounds = depth_bounds(view_bounds(visible(points, camera, index).depth) for index, camera in enumerate(cameras))
         if bounds is not None:
             write_poses_bounds(folder / "poses_bounds.npy", cameras, bounds)
     if exif := {view.name: view.exif for view in views if view.exif is not None}:

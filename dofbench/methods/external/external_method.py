@@ -32,7 +32,7 @@ from dofbench.methods.external.exchange import (
     write_wanted,
 )
 from dofbench.methods.external.limited_command import Limits, Taken, run_command
-from dofbench.runtime.processes import machine_memory_mb
+from dofbench.runtime.memory import machine_memory_mb
 from dofbench.training.common.options import ListedOption, OptionGroups, listed_options
 
 _MB = 1000.0  # in a GB

@@ -8,6 +8,7 @@ Otherwise the views contradict each other, so that depth off by a factor doesn't
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,6 +18,7 @@ import numpy as np
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import PointCloud
 from dofbench.core.lens import COC_FRACTION, DisparityRange
+from dofbench.runtime.view_threads import over_views
 
 NEIGHBOURS = 4
 _PIXELS = 5_000  # of a view at most that are compared with each neighbour, on a regular grid
@@ -56,20 +58,34 @@ def consistencies(
     points: PointCloud | None,
     disparity_range: DisparityRange,
     progress: Callable[[int], None] | None = None,
+    *,
+    at_once: int = 1,
 ) -> list[Consistency | None]:
     """Consistency of every view; None where no neighbour shares enough of it.
 
     depth_of: gives a view's z-depth (H, W) by index, scene units, 0 where unknown. points.views index into the views.
-    progress: called with the number of views done.
+    progress: called with the number of views done. at_once: views at a time.
     """
-    read = lru_cache(maxsize=4 * NEIGHBOURS)(depth_of)
-    found: list[Consistency | None] = []
-    for index, others in enumerate(neighbours(cameras, points)):
-        pairs = [(other, _compare(cameras[index], read(index), cameras[other], read(other))) for other in others]
+    cached = lru_cache(maxsize=4 * NEIGHBOURS)(depth_of)
+    locks = [threading.Lock() for _ in cameras]
+    others_of = neighbours(cameras, points)
+
+    def read(index: int) -> np.ndarray:
+        with locks[index]:  # the second of two threads that need a map gets the first one's
+            return cached(index)
+
+    def compare(index: int) -> Consistency | None:
+        pairs = [
+            (other, _compare(cameras[index], read(index), cameras[other], read(other))) for other in others_of[index]
+        ]
         said = [(other, pair) for other, pair in pairs if pair is not None]
-        found.append(_summary(names, said, cameras[index].width, disparity_range))
+        return _summary(names, said, cameras[index].width, disparity_range)
+
+    found: list[Consistency | None] = []
+    for one in over_views(compare, range(len(cameras)), at_once):
+        found.append(one)
         if progress is not None:
-            progress(index + 1)
+            progress(len(found))
     return found
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from dofbench.core.errors import InputError
 from dofbench.core.files import replacing
+from dofbench.runtime.view_threads import over_views
 from dofbench.scenes.depth.align import ENOUGH, UNALIGNED, Alignment, fit, middle
 from dofbench.scenes.depth.network import Network, network_digest, sampled, side_file
 from dofbench.scenes.depth.sfm import spread_around
@@ -41,22 +42,31 @@ class OnnxDepth:
 
     @classmethod
     def make(
-        cls, scene: Scene, *, network: Path, work: Path, progress: Callable[[int, int], None] | None = None
+        cls,
+        scene: Scene,
+        *,
+        network: Path,
+        work: Path,
+        progress: Callable[[int, int], None] | None = None,
+        at_once: int = 1,
     ) -> OnnxDepth:
-        """Run the network on every view, keep its maps in `work`, and align them. Raises InputError when the network
-        can't be used, or the scene has no points to align to."""
+        """Run the network on every view, `at_once` views at a time, keep its maps in `work`, and align them. Raises
+        InputError when the network can't be used, or the scene has no points to align to."""
         loaded = Network(network)
         free = loaded.description.align
         sightings = scene_sightings(scene, f"--depth onnx:{network.name}") if free != "none" else None
         maps = work / "network"
-        for index, view in enumerate(scene.views):
+
+        def predict(view: SceneView) -> None:
             file = _map_file(maps, view.name)
             if not file.is_file():
                 output = loaded.predict(view.image(), view.name)
                 with replacing(file) as temporary:
                     np.save(temporary, output)
+
+        for done, _ in enumerate(over_views(predict, scene.views, at_once), 1):
             if progress is not None:
-                progress(index + 1, len(scene.views))
+                progress(done, len(scene.views))
         if sightings is None:
             return cls(loaded, maps, {view.name: UNALIGNED for view in scene.views}, None)
         pairs = {view.name: _pairs(maps, view, sightings.by_view[view.name]) for view in scene.views}

@@ -15,6 +15,7 @@ from dofbench.core.budget import Budget
 from dofbench.core.cameras import Camera
 from dofbench.core.contracts import TrainingSet, TrainingView
 from dofbench.core.errors import Status
+from dofbench.runtime.view_threads import over_views
 from dofbench.scenes.depth.source import DepthEstimate, SourceId, trust
 from dofbench.scenes.scene import Scene, SceneView
 from dofbench.training.common.depth import SURFACE_ALPHA
@@ -141,18 +142,21 @@ class _ProgressObserver:
         """Ignored."""
 
 
-def reconstruct(scene: Scene, *, steps: int, seed: int, progress: Progress | None = None) -> Reconstruction:
+def reconstruct(
+    scene: Scene, *, steps: int, seed: int, progress: Progress | None = None, at_once: int = 1
+) -> Reconstruction:
     """Train on all views of an all-in-focus scene, test views too, since the depth is part of a dataset's truth.
 
-    progress: called with (step, steps). Raises InputError when the scene has no points, and FloatingPointError when
-    training diverges.
+    progress: called with (step, steps). at_once: views to read at a time. Raises InputError when the scene has no
+    points, and FloatingPointError when training diverges.
     """
     scene.require_points("a Gaussian reconstruction")
     options = OPTIONS.with_overrides({"steps": steps})
-    views = tuple(
-        TrainingView(view.name, view.camera, view.image(), mask=None if view.mask is None else view.mask())
-        for view in scene.views
-    )
+
+    def read(view: SceneView) -> TrainingView:
+        return TrainingView(view.name, view.camera, view.image(), mask=None if view.mask is None else view.mask())
+
+    views = tuple(over_views(read, scene.views, at_once))
     trainer = Trainer(TrainingSet(views, scene.unmasked().points), options, seed)
     outcome = trainer.fit(Budget(steps=steps), _ProgressObserver(steps, progress))
     if outcome.status is not Status.OK:
@@ -175,13 +179,20 @@ class SplatDepth:
 
     @classmethod
     def make(
-        cls, scene: Scene, *, steps: int, seed: int, work: Path, progress: Callable[[int, int], None] | None = None
+        cls,
+        scene: Scene,
+        *,
+        steps: int,
+        seed: int,
+        work: Path,
+        progress: Callable[[int, int], None] | None = None,
+        at_once: int = 1,
     ) -> SplatDepth:
-        """Reconstruct the scene, or load an earlier run's reconstruction from `work`. Raises InputError without
-        points."""
+        """Reconstruct the scene, or load an earlier run's reconstruction from `work`. at_once: views to read at a time.
+        Raises InputError without points."""
         path = work / "reconstruction.npz"
         if not path.is_file():
-            reconstruction = reconstruct(scene, steps=steps, seed=seed, progress=progress)
+            reconstruction = reconstruct(scene, steps=steps, seed=seed, progress=progress, at_once=at_once)
             reconstruction.save(path)
         # Always from the file, so that a resumed run renders the same numbers as an uninterrupted one.
         reconstruction = Reconstruction.load(path, steps=steps)
