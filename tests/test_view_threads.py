@@ -128,7 +128,7 @@ def test_views_at_a_time_follow_threads_size_and_memory(monkeypatch):
     assert views_at_once(12 * MEGAPIXEL, 100 * each) == 4
     assert views_at_once(12 * MEGAPIXEL, 3.5 * each) == 3
     assert views_at_once(12 * MEGAPIXEL, 0.0) == 1
-    assert views_at_once(10_000, 100 * each) == 1
+    assert views_at_once(MEGAPIXEL, 3.5 * each) == 4
     # A process that has half of the cores, as one of two datasets made at a time, has half of the memory.
     monkeypatch.setenv("OMP_NUM_THREADS", "2,1")
     assert views_at_once(12 * MEGAPIXEL, 100 * each) == 2

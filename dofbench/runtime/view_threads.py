@@ -20,22 +20,19 @@ Result = TypeVar("Result")
 
 # Bytes per pixel that a stage of make-dataset takes at most for a view, measured at 12 megapixels.
 BYTES_PER_PIXEL = 130
-_SMALL = 1 << 18  # pixels of a view up to which threads gain nothing
 _MOST = 16  # views at a time: each of their threads has a team of the kernels' threads
 _AHEAD = 2  # results per thread that may wait for an earlier view's
 
 
 def views_at_once(pixels: int, free_mb: float | None = None) -> int:
     """How many views of so many pixels to work on at a time: one for each thread that this process may use, as far as
-    its share of the free memory suffices; one for small views.
+    its share of the free memory suffices.
 
     free_mb: for all processes, MB; None for what is free now.
     """
     threads = allowed_threads()
-    if threads == 1 or pixels <= _SMALL:
-        return 1
     share = min(1.0, threads / available_cores()) * (free_memory_mb() if free_mb is None else free_mb)
-    return max(1, min(threads, _MOST, int(share * 1e6 / (BYTES_PER_PIXEL * pixels))))
+    return max(1, min(threads, _MOST, int(share * 1e6 / (BYTES_PER_PIXEL * max(1, pixels)))))
 
 
 def over_views(work: Callable[[View], Result], views: Iterable[View], at_once: int) -> Iterator[Result]:

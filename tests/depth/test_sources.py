@@ -72,7 +72,7 @@ class FakeReconstruction:
 def test_a_reconstruction_is_made_once(monkeypatch, tmp_path):
     calls, told = [], []
 
-    def reconstruct(scene, *, steps, seed, progress):
+    def reconstruct(scene, *, steps, seed, progress, at_once):
         calls.append((len(scene.views), steps, seed))
         progress(steps, steps)
         return FakeReconstruction(3.0)

@@ -17,15 +17,13 @@ from dofbench.core.images import write_grey_png
 from dofbench.core.progress import Advance, Progress, Silent
 from dofbench.datasets.synthesis import builder, check_dataset, make_dataset, real_photographs, verify
 from dofbench.datasets.synthesis.dataset_options import MakeDataset
-from dofbench.runtime import view_threads
 
 
 @pytest.fixture
 def several(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
-    """`several(n)`: work on n of even the smallest views at a time."""
+    """`several(n)`: work on n views at a time."""
 
     def choose(count: int) -> None:
-        monkeypatch.setattr(view_threads, "_SMALL", 0)
         for module in (builder, real_photographs, verify):
             monkeypatch.setattr(module, "views_at_once", lambda pixels: count)
 

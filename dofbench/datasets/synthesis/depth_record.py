@@ -73,7 +73,8 @@ def make_depth(
         source = opened()
     found = []
     with progress.stage("depth", len(scene.views)) as advance:
-        for one in over_views(partial(_one_view, source, out), scene.views, at_once):
+        # A plane sweep takes kilobytes a pixel for its costs, and OpenCV filters them on all cores.
+        for one in over_views(partial(_one_view, source, out), scene.views, 1 if source.id == "sweep" else at_once):
             found.append(one)
             advance(len(found))
     disparity_range = _range(scene, out, at_once)
