@@ -12,6 +12,16 @@ from tolerances import EIGHT_LANES, EXP2_FAST
 from dofbench.runtime.simd import any8, bits8, mask8_of, select8, sums8
 from dofbench.runtime.simd_functions import abs8, exp2_fast8, exp8, floor8, floor_int, log2_8, max8, min8
 from dofbench.runtime.simd_memory import gather8, gather_pairs8, load8, scatter8, store8
+from dofbench.runtime.simd_rows import (
+    gather8_at,
+    load_fours8,
+    load_rows8,
+    load_rows8_at,
+    load_threes8,
+    scatter8_at,
+    store_rows8,
+    store_rows8_at,
+)
 
 F = np.float32
 
@@ -112,3 +122,41 @@ def test_pairs_are_neighbours_at_any_eight_places():
     at, out = np.array([9, 3, 16, 0, 0, 7, 5, 12, 1], np.int32), np.zeros((2, 8), np.float32)
     pairs(x, at, out)
     assert np.array_equal(out, [x[at[1:] + 2], x[at[1:] + 3]])
+
+
+@njit(error_model="numpy")
+def rows_turned(x, rows, out):
+    columns = load_rows8(x, 1, 11)
+    store8(out[0], 0, columns[0])
+    store8(out[0], 8, columns[7])
+    store_rows8(out[1], 2, 9, columns)
+    columns = load_rows8_at(x, rows, 10, 2)
+    store8(out[2], 0, columns[3])
+    store_rows8_at(out[3], rows, 10, 1, columns)
+    scatter8_at(out[4], rows, 3, 2, gather8_at(x, rows, 7, 5))
+    a, b, c = load_threes8(x, 4)
+    store8(out[5], 0, a)
+    store8(out[5], 8, b)
+    store8(out[5], 16, c)
+    a, b, c, d = load_fours8(x, 3)
+    store8(out[6], 0, a)
+    store8(out[6], 8, b)
+    store8(out[6], 16, c)
+    store8(out[6], 24, d)
+
+
+def test_rows_become_lanes_and_lanes_rows():
+    x = np.random.default_rng(0).normal(size=100).astype(np.float32)
+    rows = np.array([3, 0, 7, 1, 8, 2, 5, 4], np.int32)
+    out = np.zeros((7, 100), np.float32)
+    rows_turned(x, rows, out)
+    apart = np.stack([x[1 + 11 * row : 9 + 11 * row] for row in range(8)])
+    assert np.array_equal(out[0, :16], np.concatenate([apart[:, 0], apart[:, 7]]))
+    assert np.array_equal(out[1, 2:74].reshape(8, 9)[:, :8], apart)
+    assert not out[1, [0, 1, 10, 19, 74]].any()  # between the rows, and around them
+    listed = np.stack([x[10 * row + 2 : 10 * row + 10] for row in rows])
+    assert np.array_equal(out[2, :8], listed[:, 3])
+    assert np.array_equal(out[3, :90].reshape(9, 10)[rows, 1:9], listed)
+    assert np.array_equal(out[4, 3 * rows + 2], x[7 * rows + 5])
+    assert np.array_equal(out[5, :24].reshape(3, 8), x[4:28].reshape(8, 3).T)
+    assert np.array_equal(out[6, :32].reshape(4, 8), x[3:35].reshape(8, 4).T)

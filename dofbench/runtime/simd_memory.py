@@ -11,27 +11,30 @@ from numba.np.arrayobj import make_array
 from .simd import FLOAT, FLOATS, INTS, LANES, float32x8, lane, shuffle
 
 
-def _pointer(context, builder, array_type, array, index, index_type):
+def pointer_to(context, builder, array_type, array, index, index_type):
+    """The address of array[index], without numba's test for a negative index."""
     data = make_array(array_type)(context, builder, array).data
     return builder.gep(data, [context.cast(builder, index, index_type, types.intp)], inbounds=True)
 
 
-def _is_flat(array, number) -> bool:
+def is_flat(array, number) -> bool:
+    """Whether a type is that of a flat, contiguous array of this number type."""
     return isinstance(array, types.Array) and array.dtype == number and array.layout == "C" and array.ndim == 1
 
 
-def _is_flat_float32(array) -> bool:
-    return _is_flat(array, types.float32)
+def is_flat_float32(array) -> bool:
+    """Whether a type is that of a flat, contiguous float32 array."""
+    return is_flat(array, types.float32)
 
 
 @intrinsic
 def load8(typing_context, array, index):
     """array[index : index + 8]; no bounds are checked."""
-    if not (_is_flat_float32(array) and isinstance(index, types.Integer)):
+    if not (is_flat_float32(array) and isinstance(index, types.Integer)):
         return None
 
     def build(context, builder, sig, args):
-        pointer = _pointer(context, builder, array, args[0], args[1], index)
+        pointer = pointer_to(context, builder, array, args[0], args[1], index)
         return builder.load(builder.bitcast(pointer, FLOATS.as_pointer()), align=4)
 
     return signature(float32x8, array, index), build
@@ -40,11 +43,11 @@ def load8(typing_context, array, index):
 @intrinsic
 def store8(typing_context, array, index, value):
     """array[index : index + 8] = value; no bounds are checked."""
-    if not (_is_flat_float32(array) and isinstance(index, types.Integer) and value is float32x8):
+    if not (is_flat_float32(array) and isinstance(index, types.Integer) and value is float32x8):
         return None
 
     def build(context, builder, sig, args):
-        pointer = _pointer(context, builder, array, args[0], args[1], index)
+        pointer = pointer_to(context, builder, array, args[0], args[1], index)
         builder.store(args[2], builder.bitcast(pointer, FLOATS.as_pointer()), align=4)
         return context.get_dummy_value()
 
@@ -54,11 +57,11 @@ def store8(typing_context, array, index, value):
 @intrinsic
 def store_whole8(typing_context, array, index, value):
     """array[index : index + 8] = value truncated to integers, for a flat int32 array; no bounds are checked."""
-    if not (_is_flat(array, types.int32) and isinstance(index, types.Integer) and value is float32x8):
+    if not (is_flat(array, types.int32) and isinstance(index, types.Integer) and value is float32x8):
         return None
 
     def build(context, builder, sig, args):
-        pointer = _pointer(context, builder, array, args[0], args[1], index)
+        pointer = pointer_to(context, builder, array, args[0], args[1], index)
         builder.store(builder.fptosi(args[2], INTS), builder.bitcast(pointer, INTS.as_pointer()), align=4)
         return context.get_dummy_value()
 
@@ -68,24 +71,25 @@ def store_whole8(typing_context, array, index, value):
 @intrinsic
 def load1(typing_context, array, index):
     """array[index] without numba's test for a negative index."""
-    if not (_is_flat_float32(array) and isinstance(index, types.Integer)):
+    if not (is_flat_float32(array) and isinstance(index, types.Integer)):
         return None
 
     def build(context, builder, sig, args):
-        return builder.load(_pointer(context, builder, array, args[0], args[1], index), align=4)
+        return builder.load(pointer_to(context, builder, array, args[0], args[1], index), align=4)
 
     return signature(types.float32, array, index), build
 
 
 @intrinsic
 def prefetch(typing_context, array, index):
-    """Ask for the cache line of array[index]; any index is allowed."""
-    if not (_is_flat_float32(array) and isinstance(index, types.Integer)):
+    """Ask for the cache line of array[index], of a flat array; any index is allowed."""
+    flat = isinstance(array, types.Array) and array.layout == "C" and array.ndim == 1
+    if not (flat and isinstance(index, types.Integer)):
         return None
 
     def build(context, builder, sig, args):
         byte, flag = ir.IntType(8).as_pointer(), ir.IntType(32)
-        pointer = builder.bitcast(_pointer(context, builder, array, args[0], args[1], index), byte)
+        pointer = builder.bitcast(pointer_to(context, builder, array, args[0], args[1], index), byte)
         name = "llvm.prefetch.p0"
         kind = ir.FunctionType(ir.VoidType(), [byte, flag, flag, flag])
         function = builder.module.globals.get(name) or ir.Function(builder.module, kind, name)
@@ -98,11 +102,11 @@ def prefetch(typing_context, array, index):
 @intrinsic
 def gather8(typing_context, array, index, stride):
     """array[index + stride * (0 … 7)]; no bounds are checked."""
-    if not (_is_flat_float32(array) and isinstance(index, types.Integer) and isinstance(stride, types.Integer)):
+    if not (is_flat_float32(array) and isinstance(index, types.Integer) and isinstance(stride, types.Integer)):
         return None
 
     def build(context, builder, sig, args):
-        pointer = _pointer(context, builder, array, args[0], args[1], index)
+        pointer = pointer_to(context, builder, array, args[0], args[1], index)
         step = context.cast(builder, args[2], stride, types.intp)
         vector = ir.Constant(FLOATS, ir.Undefined)
         for i in range(LANES):
@@ -117,11 +121,11 @@ def gather8(typing_context, array, index, stride):
 @intrinsic
 def scatter8(typing_context, array, index, stride, value):
     """array[index + stride * (0 … 7)] = value; no bounds are checked."""
-    if not (_is_flat_float32(array) and isinstance(index, types.Integer) and value is float32x8):
+    if not (is_flat_float32(array) and isinstance(index, types.Integer) and value is float32x8):
         return None
 
     def build(context, builder, sig, args):
-        pointer = _pointer(context, builder, array, args[0], args[1], index)
+        pointer = pointer_to(context, builder, array, args[0], args[1], index)
         step = context.cast(builder, args[2], stride, types.intp)
         for i in range(LANES):
             offset = builder.mul(step, ir.Constant(step.type, i))
@@ -137,14 +141,14 @@ def scatter8(typing_context, array, index, stride, value):
 def gather_pairs8(typing_context, array, at, index, beyond):
     """(array[k], array[k + 1]) for the eight k = at[index] + beyond, ...; at is flat int32. No bounds are checked."""
     integers = isinstance(index, types.Integer) and isinstance(beyond, types.Integer)
-    if not (_is_flat_float32(array) and _is_flat(at, types.int32) and integers):
+    if not (is_flat_float32(array) and is_flat(at, types.int32) and integers):
         return None
     kind = types.UniTuple(float32x8, 2)
 
     def build(context, builder, sig, args):
         pair = ir.VectorType(FLOAT, 2)
-        places = _pointer(context, builder, at, args[1], args[2], index)
-        origin = _pointer(context, builder, array, args[0], args[3], beyond)
+        places = pointer_to(context, builder, at, args[1], args[2], index)
+        origin = pointer_to(context, builder, array, args[0], args[3], beyond)
         vectors = []
         for i in range(LANES):
             place = builder.load(builder.gep(places, [lane(i)], inbounds=True), align=4)

@@ -1,7 +1,7 @@
 """`rasterize` on the CPU: numba kernels behind autograd functions; float32.
 
-Stages: project (cpu_project), sort and assign to tiles (cpu_bin), blend (cpu_blend). The backward pass blends front to
-back a second time, writes one small record per intersection of a Gaussian with a tile, and sums these records in a
+Stages: project (cpu_project), assign to tiles and sort (cpu_lists), blend (cpu_blend). The backward pass blends front
+to back a second time, writes one small record per intersection of a Gaussian with a tile, and sums these records in a
 fixed order (cpu_project_backward). It uses no atomics, so every run gives the same bits with any number of threads.
 
 `rasterize_from_points` projects once: seen from a point p of the unit lens, a Gaussian with the signed circle of
@@ -25,9 +25,9 @@ from dofbench.runtime.simd import LANES
 
 from . import cpu_layout as layout
 from . import op
-from .cpu_bin import depth_order, fill_tiles
 from .cpu_blend import blend, blend_backward
-from .cpu_points import WIDTH, join_places, shift_records, times_point
+from .cpu_lists import fill_tiles
+from .cpu_points import WIDTH, shift_records, times_point
 from .cpu_project import project
 from .cpu_project_backward import project_backward
 
@@ -68,20 +68,28 @@ class _Settings:
         self.view[layout.FADES] = view.fades
         self.view[layout.U_LOW : layout.V_HIGH + 1] = constants[layout.FADES :]
 
-    def tiles(self, records, counts, n, order, threads):
+    def tiles(self, records, depths, counts, n):
         """Every tile's list of Gaussians, see `fill_tiles`."""
-        return fill_tiles(records, counts, n, order, self.view, self.columns, self.rows, threads)
+        chunks = 4 * numba.get_num_threads()
+        return fill_tiles(records, depths, counts, n, self.view, self.columns, self.rows, chunks)
 
 
 def _flat(tensor):
     return _NOTHING if tensor is None else tensor.detach().numpy().reshape(-1)
 
 
+def _whole_lines(size):
+    """(size,) float32 from the beginning of a cache line on, so that a record that fills one is in one."""
+    memory = np.empty(size + layout.RECORD, np.float32)
+    first = -memory.ctypes.data // memory.itemsize % layout.RECORD
+    return memory[first : first + size]
+
+
 def _projected(settings, parameters, blur, radius, margin):
     """(records, depths, radii, visible, counts), see `project`. Raises FloatingPointError for a Gaussian that isn't
     finite."""
     padded = -(-parameters[0].shape[0] // LANES) * LANES
-    records = np.empty(padded * layout.RECORD, np.float32)
+    records = _whole_lines(padded * layout.RECORD)
     depths, radii = np.empty(padded, np.float32), np.empty(padded, np.float32)
     outputs = records, depths, radii, np.empty(padded, np.bool_), np.empty(padded, np.int32)
     inputs = *map(_flat, (*parameters, settings.filter_3d, blur)), margin
@@ -95,7 +103,7 @@ def _by_parameters(settings, statistics, saved, level, records, intersections, b
     """The gradients with respect to the six parameters and blur, from those of all intersections; fills in
     `statistics`.
 
-    saved: the parameters and blur. intersections: gradients, numbers of each, offsets and places of each Gaussian's.
+    saved: the parameters and blur. intersections: see `project_backward`.
     """
     want_abs = statistics is not None and statistics.want_abs
     n, rest = saved[0].shape[0], saved[5].shape[1]
@@ -119,9 +127,7 @@ class _Rasterize(torch.autograd.Function):
     def forward(context, settings, statistics, blur, *parameters):
         n = parameters[0].shape[0]
         records, depths, radii, visible, counts = _projected(settings, parameters, blur, None, _NOTHING)
-        threads = numba.get_num_threads()
-        order = depth_order(depths, counts, n)
-        starts, ids, spans, offsets, places = settings.tiles(records, counts, n, order, threads)
+        starts, ids, spans, offsets, places = settings.tiles(records, depths, counts, n)
         lists = starts, ids, spans
 
         def image(level, *channels):
@@ -134,12 +140,14 @@ class _Rasterize(torch.autograd.Function):
         looked_at = np.empty(settings.columns * settings.rows, np.int32)
         flat = tuple(each.reshape(-1) for each in images)
         where = settings.view, settings.columns
-        blend(settings.features, records, lists, *where, settings.background, flat, looked_at, 4 * threads)
+        blend(
+            settings.features, records, lists, *where, settings.background, flat, looked_at, 4 * numba.get_num_threads()
+        )
         if statistics is not None:
             statistics.visible, statistics.radii = torch.from_numpy(visible[:n]), torch.from_numpy(radii[:n])
         outputs = [torch.from_numpy(each) for each in (color, alpha, depth, median, normal, distortion)]
         context.settings, context.statistics = settings, statistics
-        context.kept = records, lists, (offsets, places), looked_at, at.reshape(-1), mean_inverse.reshape(-1)
+        context.kept = records, lists, (offsets[None], places), looked_at, at.reshape(-1), mean_inverse.reshape(-1)
         context.set_materialize_grads(False)
         context.save_for_backward(*parameters, torch.from_numpy(_NOTHING) if blur is None else blur, *outputs)
         return tuple(each if settings.geometry >= level else None for each, level in zip(outputs, _LEVELS, strict=True))
@@ -156,12 +164,12 @@ class _Rasterize(torch.autograd.Function):
         features = settings.features[: max(used, default=0)]
         absolute = (0,) * (statistics is not None and statistics.want_abs)
         width = 24 if len(features) > 1 else 16
-        gradients = np.empty(lists[1].size * width, np.float32)
+        gradients, blended = _whole_lines(lists[1].size * width), np.zeros(lists[1].size, np.uint8)
         blend_backward(
             features, absolute, records, lists, settings.view, settings.columns, looked_at, images, by_images,
-            gradients, 4 * numba.get_num_threads(),
+            gradients, blended, 4 * numba.get_num_threads(),
         )  # fmt: skip
-        intersections = gradients, width, *of_gaussians
+        intersections = gradients, width, blended, *of_gaussians, np.zeros(1, np.int64)
         *by_parameters, by_blur = _by_parameters(
             settings, statistics, saved[:7], len(features), records, intersections, _NOTHING
         )
@@ -184,18 +192,17 @@ class _FromPoints(torch.autograd.Function):
         n, moved = parameters[0].shape[0], radius.detach().numpy()
         farthest = np.float32(np.sqrt((points.astype(np.float64) ** 2).sum(axis=1).max()))
         margin = np.abs(moved) * farthest
-        records, depths, radii, visible, counts = _projected(settings, parameters, blur, radius, margin)
-        # The order of depth is the same from all points, as they lie in one plane parallel to the image.
-        order = depth_order(depths, counts, n)
+        records, depths, radii, visible, _ = _projected(settings, parameters, blur, radius, margin)
         threads = numba.get_num_threads()
         color = np.empty((len(points), settings.height, settings.width, 3), np.float32)
         alpha = np.empty((len(points), settings.height, settings.width), np.float32)
         tiles, drawn = [], np.zeros(n, np.bool_)
         for number, (x, y) in enumerate(points):
-            shifted, met = np.empty_like(records), np.empty(n, np.int32)
+            shifted, met = _whole_lines(records.size), np.empty(n, np.int32)
             shift_records(records, visible, moved, x, y, n, settings.view, shifted, met)
             drawn |= met > 0
-            *lists, offsets, places = settings.tiles(shifted, met, n, order, threads)
+            # The depths are the same from all points, which lie in one plane parallel to the image.
+            *lists, offsets, places = settings.tiles(shifted, depths, met, n)
             looked_at = np.empty(settings.columns * settings.rows, np.int32)
             images = (color[number].reshape(-1), alpha[number].reshape(-1), *(_NOTHING,) * 6)
             where = settings.view, settings.columns
@@ -218,20 +225,20 @@ class _FromPoints(torch.autograd.Function):
         by_color = by_images.contiguous().numpy()
         absolute = (0,) * (statistics is not None and statistics.want_abs)
         first = np.cumsum([0] + [one.places.size for one in tiles])
-        gradients = np.empty(first[-1] * WIDTH, np.float32)
+        gradients, blended = _whole_lines(first[-1] * WIDTH), np.zeros(first[-1], np.uint8)
         for number, (one, (x, y)) in enumerate(zip(tiles, context.points, strict=True)):
             part = gradients[first[number] * WIDTH : first[number + 1] * WIDTH]
+            there = blended[first[number] : first[number + 1]]
             images = (color[number].reshape(-1), alpha[number].reshape(-1), *(_NOTHING,) * 6)
             gradient = (by_color[number].reshape(-1), *(_NOTHING,) * 5)
             blend_backward(
                 (), absolute, one.records, one.lists, settings.view, settings.columns, one.looked_at, images, gradient,
-                part, 4 * numba.get_num_threads(),
+                part, there, 4 * numba.get_num_threads(),
             )  # fmt: skip
             times_point(part, x, y)
-        every = [one.places + np.int32(start) for one, start in zip(tiles, first, strict=False)]
-        joined = join_places(np.stack([one.offsets for one in tiles]), np.concatenate(every), first)
         by_radius = np.empty(saved[0].shape[0], np.float32)
-        intersections = gradients, WIDTH, *joined
+        offsets, places = np.stack([one.offsets for one in tiles]), np.concatenate([one.places for one in tiles])
+        intersections = gradients, WIDTH, blended, offsets, places, first[:-1]
         *by_parameters, by_blur = _by_parameters(
             settings, statistics, saved[:7], 0, context.records, intersections, by_radius
         )

@@ -1,13 +1,12 @@
-"""Assigns Gaussians to tiles: the tiles that each Gaussian meets, and each tile's Gaussians in order of depth."""
+"""The tiles that a Gaussian meets, and the rows of each that it reaches."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from numba import njit, prange
 
-from dofbench.runtime.kernel_cache import PRANGE, cached, internal
+from dofbench.runtime.kernel_cache import internal
 from dofbench.runtime.simd import LANES, bits8, lanes8, splat8
 from dofbench.runtime.simd_functions import floor8, floor_int, max8, min8, sqrt8
 from dofbench.runtime.simd_memory import load1, store8
@@ -121,99 +120,3 @@ def list_tiles(records, i, view, tiles_across, slot, tiles, spans, buffer):
             if x == column + columns:
                 x, y = column, y + 1
     return slot
-
-
-@cached
-@njit(error_model="numpy")
-def depth_order(depths, counts, n):
-    """Indices of the Gaussians that meet a tile, nearest first, equal depths in index order (int32).
-
-    A radix sort on the bits of the depths, which for positive floats are in the floats' order.
-    """
-    bits = depths.view(np.uint32)
-    visible = 0
-    low, high = np.uint32(0xFFFFFFFF), np.uint32(0)
-    for i in range(n):
-        if counts[i] > 0:
-            visible += 1
-            low, high = min(low, bits[i]), max(high, bits[i])
-    keys, order = np.empty(visible, np.uint32), np.empty(visible, np.int32)
-    k = 0
-    for i in range(n):
-        if counts[i] > 0:
-            keys[k], order[k] = bits[i] - low, i
-            k += 1
-    if visible == 0:
-        return order
-    other_keys, other_order = np.empty_like(keys), np.empty_like(order)
-    span = np.int64(high - low)
-    shift = 0
-    while (span >> shift) > 0:
-        starts = np.zeros(2049, np.int64)
-        for k in range(visible):
-            starts[((keys[k] >> np.uint32(shift)) & np.uint32(2047)) + np.uint32(1)] += 1
-        for digit in range(2048):
-            starts[digit + 1] += starts[digit]
-        for k in range(visible):
-            digit = (keys[k] >> np.uint32(shift)) & np.uint32(2047)
-            place = starts[digit]
-            starts[digit] = place + 1
-            other_keys[place], other_order[place] = keys[k], order[k]
-        keys, other_keys = other_keys, keys
-        order, other_order = other_order, order
-        shift += 11
-    return order
-
-
-@cached
-@njit(parallel=PRANGE, error_model="numpy")
-def fill_tiles(records, counts, n, order, view, columns, rows, chunks):
-    """Every tile's list of Gaussians, nearest first.
-
-    Returns starts (tiles + 1,), ids and spans (intersections,), offsets (n + 1,) and places (intersections,).
-    Tile t's list are the places starts[t] … starts[t + 1] of ids and spans: the Gaussian's index, and the tile's rows
-    it reaches as first | stop << 8. places[offsets[i] : offsets[i + 1]] are the places of Gaussian i, in the order
-    of the tiles. `chunks` is the number of parts processed in parallel; the result doesn't depend on it.
-    """
-    offsets = np.empty(n + 1, np.int32)
-    total = 0
-    for i in range(n):
-        offsets[i] = total
-        total += counts[i]
-    offsets[n] = total
-
-    slot_tiles, slot_spans = np.empty(total, np.int32), np.empty(total, np.int16)
-    for chunk in prange(chunks):
-        buffer = np.empty(2 * LANES, np.float32)
-        for i in range(chunk * n // chunks, (chunk + 1) * n // chunks):
-            if counts[i] > 0:
-                list_tiles(records, i, view, columns, np.int64(offsets[i]), slot_tiles, slot_spans, buffer)
-
-    tiles = columns * rows
-    cursors = np.zeros((chunks, tiles), np.int32)
-    for chunk in prange(chunks):
-        for k in range(chunk * order.size // chunks, (chunk + 1) * order.size // chunks):
-            gaussian = np.int64(order[k])
-            for slot in range(np.int64(offsets[gaussian]), np.int64(offsets[gaussian + 1])):
-                cursors[chunk, slot_tiles[slot]] += 1
-
-    starts = np.empty(tiles + 1, np.int32)
-    place = 0
-    for tile in range(tiles):
-        starts[tile] = place
-        for chunk in range(chunks):
-            met = cursors[chunk, tile]
-            cursors[chunk, tile] = place
-            place += met
-    starts[tiles] = place
-
-    ids, spans, places = np.empty(total, np.int32), np.empty(total, np.int16), np.empty(total, np.int32)
-    for chunk in prange(chunks):
-        for k in range(chunk * order.size // chunks, (chunk + 1) * order.size // chunks):
-            gaussian = np.int64(order[k])
-            for slot in range(np.int64(offsets[gaussian]), np.int64(offsets[gaussian + 1])):
-                tile = slot_tiles[slot]
-                place = cursors[chunk, tile]
-                cursors[chunk, tile] = place + 1
-                ids[place], spans[place], places[slot] = gaussian, slot_spans[slot], place
-    return starts, ids, spans, offsets, places

@@ -102,7 +102,7 @@ def _forward_tile(features, records, ids, spans, begin, end, left, top, near, sc
 
 @internal(error_model="numpy")
 def _backward_tile(
-    features, absolute, width, records, ids, spans, begin, end, looked_at, left, top, near, scratch, out
+    features, absolute, width, records, ids, spans, begin, end, looked_at, left, top, near, scratch, out, blended
 ):
     """One tile's contribution to the gradient, written to `out` at each intersection's place (`width` floats)."""
     zero = splat8(_ZERO)
@@ -185,15 +185,12 @@ def _backward_tile(
         middle = sums8(sum_blue, sum_t, sum_t * dx, sum_ty, abs_x, abs_y, sum_nx, sum_ny)
         if len(features) > 1:
             high = sums8(sum_nz, zero, zero, zero, zero, zero, zero, zero)
+        blended[k] = 1
         place = np.int64(k) * width
         store8(out, place, low)
-        store8(out, place + 8, middle)
+        store8(out, place + LANES, middle)
         if len(features) > 1:
-            store8(out, place + 16, high)
-    for k in range(begin + looked_at, end):
-        place = np.int64(k) * width
-        for part in range(0, width, LANES):
-            store8(out, place + part, zero)
+            store8(out, place + 2 * LANES, high)
 
 
 @cached
@@ -222,8 +219,11 @@ def blend(features, records, lists, view, columns, background, images, looked_at
 
 @cached
 @njit(parallel=PRANGE, error_model="numpy")
-def blend_backward(features, absolute, records, lists, view, columns, looked_at, images, by_images, out, workers):
-    """The contribution of every intersection to the gradient, written to its place in `out` (see cpu_layout).
+def blend_backward(
+    features, absolute, records, lists, view, columns, looked_at, images, by_images, out, blended, workers
+):  # fmt: skip
+    """The contribution of every intersection that was blended to the gradient, written to its place in `out` (see
+    cpu_layout); sets its element of `blended` to 1.
 
     absolute: a tuple with one entry to fill ABS_X and ABS_Y too, else empty. by_images: the gradients with respect to
     color, alpha, depth, median, normal and distortion; one of size 0 is zero. The other arguments are those of `blend`.
@@ -238,6 +238,6 @@ def blend_backward(features, absolute, records, lists, view, columns, looked_at,
             if looked_at[tile] > 0:
                 read_tile(features, scratch, left, top, view, images, by_images)
             _backward_tile(
-                features, absolute, width, records, ids, spans, starts[tile], starts[tile + 1], looked_at[tile],
-                left, top, view[layout.NEAR], scratch, out,
+                features, absolute, width, records, ids, spans, starts[tile], starts[tile + 1],
+                looked_at[tile], left, top, view[layout.NEAR], scratch, out, blended,
             )  # fmt: skip

@@ -10,7 +10,6 @@ import numpy as np
 from dofbench.runtime.kernel_cache import internal
 from dofbench.runtime.simd import select8
 from dofbench.runtime.simd_functions import abs8, exp8, max8, min8, sqrt8
-from dofbench.runtime.simd_memory import gather8, load8
 
 from . import cpu_layout as layout
 
@@ -38,14 +37,8 @@ def to_camera8(view, x, y, z):
 
 
 @internal(forceinline=True)
-def unit_quaternion8(quaternions, i):
+def unit_quaternion8(w, x, y, z):
     """The normalised quaternion (identity for a zero one) and 1 / norm (0 for a zero one)."""
-    w, x, y, z = (
-        gather8(quaternions, 4 * i, 4),
-        gather8(quaternions, 4 * i + 1, 4),
-        gather8(quaternions, 4 * i + 2, 4),
-        gather8(quaternions, 4 * i + 3, 4),
-    )
     # Dividing by the largest component first keeps the squares from overflowing or underflowing.
     largest = max8(max8(abs8(w), abs8(x)), max8(abs8(y), abs8(z)))
     zero = largest == ZERO
@@ -74,14 +67,12 @@ def axes8(view, w, x, y, z):
 
 
 @internal(forceinline=True)
-def sizes8(log_scales, filter_3d, i):
-    """Per axis the scale s, and the filtered scale e = sqrt(s**2 + f**2): (s0, s1, s2, e0, e1, e2)."""
-    s0 = exp8(gather8(log_scales, 3 * i, 3))
-    s1 = exp8(gather8(log_scales, 3 * i + 1, 3))
-    s2 = exp8(gather8(log_scales, 3 * i + 2, 3))
-    if filter_3d.size == 0:
+def sizes8(log0, log1, log2, filtered, f):
+    """Per axis the scale s, and the filtered scale e = sqrt(s**2 + f**2), or s unless `filtered`: (s0, s1, s2, e0, e1,
+    e2)."""
+    s0, s1, s2 = exp8(log0), exp8(log1), exp8(log2)
+    if not filtered:
         return s0, s1, s2, s0, s1, s2
-    f = load8(filter_3d, i)
     f2 = f * f
     # The square of a scale below 1e-19 underflows in float32; the filtered scale must not become smaller than the
     # scale. In this order a NaN of the filter reaches the check of what is projected.

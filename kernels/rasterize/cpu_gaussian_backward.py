@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from dofbench.runtime.kernel_cache import internal
-from dofbench.runtime.simd import LANES, mask8_of, select8, splat8
+from dofbench.runtime.simd import LANES, select8, splat8
 from dofbench.runtime.simd_functions import exp8, sqrt8
-from dofbench.runtime.simd_memory import gather8, load8, scatter8, store8
+from dofbench.runtime.simd_memory import gather8, store8
+from dofbench.runtime.simd_rows import gather8_at, load_rows8, scatter8_at
 
 from . import cpu_layout as layout
 from .cpu_footprint import ONE, ZERO, axes8, dot3, footprint8, plane8, ratio8, sizes8, to_camera8, unit_quaternion8
@@ -36,19 +37,22 @@ def quaternion_backward8(w, x, y, z, inverse, g):
 
 
 @internal(error_model="numpy")
-def backward_block(
-    inputs, rest, degree, geometry, view, i, records, out, seen_bits, sums, outputs, grad_2d, basis, pulls
+def backward_rows(
+    inputs, rest, degree, geometry, view, records, rows, sums, outputs, grad_2d, basis, pulls, coefficients
 ):  # fmt: skip
-    """Gradients of Gaussians i … i + 7 of the inputs, with records out … out + 7; seen_bits: bits of those with a
-    gradient."""
+    """Gradients of eight Gaussians, given by their indices; one may stand there several times.
+
+    sums: (8, SLOT), flat, the sums over each one's intersections. grad_2d: (2, 8), flat, filled in: the gradient with
+    respect to the mean in the image. basis, pulls and coefficients are working memory.
+    """
     means, log_scales, quaternions, opacity_logits, _, sh_rest, filter_3d, blur, _ = inputs
-    d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, d_blur, d_radius, _ = outputs
-    seen = mask8_of(seen_bits)
-    px, py, pz = gather8(means, 3 * i, 3), gather8(means, 3 * i + 1, 3), gather8(means, 3 * i + 2, 3)
+    d_means, d_scales, d_quaternions, d_logits, d_dc, d_rest, d_blur, d_radius = outputs
+    q0, q_x, q_xx, q_y, q_xy, q_yy, sum_red, sum_green = load_rows8(sums, 0, SLOT)
+    sum_blue, sum_t, sum_tx, sum_ty, _, _, to_nx, to_ny = load_rows8(sums, LANES, SLOT)
+    to_nz = gather8(sums, layout.S_NZ, SLOT)
+    px, py, pz = gather8_at(means, rows, 3, 0), gather8_at(means, rows, 3, 1), gather8_at(means, rows, 3, 2)
     x, y, z = to_camera8(view, px, py, pz)
     fx, fy = view[layout.FX], view[layout.FY]
-    # Lanes of unseen Gaussians compute with harmless numbers and are masked when results are written.
-    x, y, z = select8(seen, x, ZERO), select8(seen, y, ZERO), select8(seen, z, ONE)
     iz = ONE / z
     u, v = x * iz, y * iz
     u_free = (u > view[layout.U_LOW]) & (u < view[layout.U_HIGH])
@@ -56,28 +60,30 @@ def backward_block(
     cu = select8(u_free, u, select8(u <= view[layout.U_LOW], view[layout.U_LOW], view[layout.U_HIGH]))
     cv = select8(v_free, v, select8(v <= view[layout.V_LOW], view[layout.V_LOW], view[layout.V_HIGH]))
 
-    w, qx, qy, qz, inverse_norm = unit_quaternion8(quaternions, i)
+    w, qx = gather8_at(quaternions, rows, 4, 0), gather8_at(quaternions, rows, 4, 1)
+    qy, qz = gather8_at(quaternions, rows, 4, 2), gather8_at(quaternions, rows, 4, 3)
+    w, qx, qy, qz, inverse_norm = unit_quaternion8(w, qx, qy, qz)
     axes = axes8(view, w, qx, qy, qz)
     m0x, m0y, m0z, m1x, m1y, m1z, m2x, m2y, m2z = axes
-    s0, s1, s2, e0, e1, e2 = sizes8(log_scales, filter_3d, i)
+    log0, log1 = gather8_at(log_scales, rows, 3, 0), gather8_at(log_scales, rows, 3, 1)
+    log2 = gather8_at(log_scales, rows, 3, 2)
+    filtered = filter_3d.size > 0
+    size = gather8_at(filter_3d, rows, 1, 0) if filtered else splat8(ZERO)
+    s0, s1, s2, e0, e1, e2 = sizes8(log0, log1, log2, filtered, size)
     factors, columns, (sxx, sxy, syy), (n01, n02, n12), det_bare = footprint8(view, axes, (e0, e1, e2), iz, cu, cv)
     k0x, k1x, k2x, k0y, k1y, k2y = factors
     a0x, a0y, a1x, a1y, a2x, a2y = columns
     filter_2d = view[layout.FILTER_2D]
-    det = select8(seen, det_bare + filter_2d * (sxx + syy + filter_2d), ONE)
-    wide, fyy = det, select8(seen, syy + filter_2d, ONE)
+    det = det_bare + filter_2d * (sxx + syy + filter_2d)
+    wide, fyy = det, syy + filter_2d
     if blur.size > 0:
-        extra = select8(seen, load8(blur, i), ZERO)
+        extra = gather8_at(blur, rows, 1, 0)
         trace = sxx + syy + (filter_2d + filter_2d)
         wide, fyy = det + extra * (trace + extra), fyy + extra
 
     # The inverse of the footprint's covariance is L L^T with L^T = [[l11, l21], [0, l22]].
     l11, l22 = sqrt8(fyy / wide), ONE / sqrt8(fyy)
     l21 = -sxy / sqrt8(fyy * wide)
-    q0 = gather8(sums, layout.Q, SLOT)
-    q_x, q_y = gather8(sums, layout.QX, SLOT), gather8(sums, layout.QY, SLOT)
-    q_xx, q_xy = gather8(sums, layout.QXX, SLOT), gather8(sums, layout.QXY, SLOT)
-    q_yy = gather8(sums, layout.QYY, SLOT)
     # Everything is in whitened coordinates, L^T (dx, dy), in which moments and axes are of order 1. Computing the
     # gradient with respect to the covariance instead would lose all digits for a long needle.
     n_x, n_y = l11 * q_x + l21 * q_y, l22 * q_y
@@ -85,9 +91,8 @@ def backward_block(
     if d_radius.size > 0:
         # dL/d(mean) is L L^T (Q_X, Q_Y) for each lens point; the sums hold its products with the points.
         m_xx, m_xy, m_yy = l11 * l11, l11 * l21, l21 * l21 + l22 * l22
-        along_x, across = gather8(sums, layout.S_POINT_XX, SLOT), gather8(sums, layout.S_POINT_XY, SLOT)
-        along_y = gather8(sums, layout.S_POINT_YY, SLOT)
-        store8(d_radius, i, select8(seen, m_xx * along_x + m_xy * across + m_yy * along_y, ZERO))
+        along_x, across, along_y = sum_t, sum_tx, sum_ty  # S_POINT_XX, S_POINT_XY, S_POINT_YY
+        scatter8_at(d_radius, rows, 1, 0, m_xx * along_x + m_xy * across + m_yy * along_y)
     n_xx = l11 * (l11 * q_xx + l21 * q_xy) + l21 * (l11 * q_xy + l21 * q_yy)
     n_xy, n_yy = l22 * (l11 * q_xy + l21 * q_yy), l22 * l22 * q_yy
     w0x, w0y, w1x, w1y = l11 * a0x + l21 * a0y, l22 * a0y, l11 * a1x + l21 * a1y, l22 * a1y
@@ -100,8 +105,8 @@ def backward_block(
     b2x, b2y = l11 * v2x, l21 * v2x + l22 * v2y
     g_e0, g_e1, g_e2 = w0x * v0x + w0y * v0y, w1x * v1x + w1y * v1y, w2x * v2x + w2y * v2y
 
-    opacity = ONE / (ONE + exp8(-load8(opacity_logits, i)))
-    store8(d_logits, i, select8(seen, q0 * (ONE - opacity), ZERO))
+    opacity = ONE / (ONE + exp8(-gather8_at(opacity_logits, rows, 1, 0)))
+    scatter8_at(d_logits, rows, 1, 0, q0 * (ONE - opacity))
     fades = view[layout.FADES] > ZERO
     if fades or blur.size > 0:
         to_bare, to_trace = splat8(ZERO), splat8(ZERO)
@@ -119,7 +124,7 @@ def backward_block(
             to_trace += by_both * (filter_2d * (filter_2d + extra) - det_bare)
             # The part that comes from the footprint is the trace of dL/d(covariance).
             widened = n_xx * (l11 * l11 + l21 * l21) + (n_xy + n_xy) * (l21 * l22) + n_yy * (l22 * l22)
-            store8(d_blur, i, select8(seen, HALF * (widened - q0 * (trace + extra + extra) / wide), ZERO))
+            scatter8_at(d_blur, rows, 1, 0, HALF * (widened - q0 * (trace + extra + extra) / wide))
         # The determinant is the sum of the squared minors.
         b0x, b0y = b0x + to_bare * (a1y * n01 + a2y * n02), b0y - to_bare * (a1x * n01 + a2x * n02)
         b1x, b1y = b1x + to_bare * (a2y * n12 - a0y * n01), b1y + to_bare * (a0x * n01 - a2x * n12)
@@ -137,12 +142,11 @@ def backward_block(
 
     if geometry > 0:
         (w0, w1, w2), (k0, k1, k2), (b0, b1, b2), (hx, hy, hz), along, length = plane8(axes, (e0, e1, e2), cu, cv)
-        plane = seen & (along > layout.EDGE_ON * length)
+        plane = along > layout.EDGE_ON * length
         ia = select8(plane, ONE / along, ZERO)
         ig = ONE / (cu * cu + (cv * cv + ONE))
         distance = sqrt8(dot3(x, y, z, x, y, z))
-        sum_t = gather8(sums, layout.S_T, SLOT)
-        g_tx, g_ty = -gather8(sums, layout.S_TX, SLOT), -gather8(sums, layout.S_TY, SLOT)
+        g_tx, g_ty = -sum_tx, -sum_ty
         slope_x = select8(plane, (hx * ia - cu * ig) / fx, ZERO)
         slope_y = select8(plane, (hy * ia - cv * ig) / fy, ZERO)
         g_mx += distance * slope_x * sum_t
@@ -164,8 +168,6 @@ def backward_block(
         if geometry > 1:
             il = select8(plane, ONE / length, ZERO)
             nx, ny, nz = hx * il, hy * il, hz * il
-            to_nx, to_ny = gather8(sums, layout.S_NX, SLOT), gather8(sums, layout.S_NY, SLOT)
-            to_nz = gather8(sums, layout.S_NZ, SLOT)
             radial = dot3(nx, ny, nz, to_nx, to_ny, to_nz)
             h_x += (nx * radial - to_nx) * il
             h_y += (ny * radial - to_ny) * il
@@ -197,9 +199,9 @@ def backward_block(
     # Log scales: through the filtered scale, and through the opacity's factor s / e.
     r0, r1, r2 = ratio8(s0, e0), ratio8(s1, e1), ratio8(s2, e2)
     r0, r1, r2 = r0 * r0, r1 * r1, r2 * r2
-    scatter8(d_scales, 3 * i, 3, select8(seen, g_e0 * r0 + q0 * (ONE - r0), ZERO))
-    scatter8(d_scales, 3 * i + 1, 3, select8(seen, g_e1 * r1 + q0 * (ONE - r1), ZERO))
-    scatter8(d_scales, 3 * i + 2, 3, select8(seen, g_e2 * r2 + q0 * (ONE - r2), ZERO))
+    scatter8_at(d_scales, rows, 3, 0, g_e0 * r0 + q0 * (ONE - r0))
+    scatter8_at(d_scales, rows, 3, 1, g_e1 * r1 + q0 * (ONE - r1))
+    scatter8_at(d_scales, rows, 3, 2, g_e2 * r2 + q0 * (ONE - r2))
 
     r00, r01, r02 = view[layout.ROTATION], view[layout.ROTATION + 1], view[layout.ROTATION + 2]
     r10, r11, r12 = view[layout.ROTATION + 3], view[layout.ROTATION + 4], view[layout.ROTATION + 5]
@@ -210,23 +212,21 @@ def backward_block(
         r00 * g2x + (r10 * g2y + r20 * g2z), r01 * g2x + (r11 * g2y + r21 * g2z), r02 * g2x + (r12 * g2y + r22 * g2z),
     )  # fmt: skip
     g_w, g_i, g_j, g_k = quaternion_backward8(w, qx, qy, qz, inverse_norm, g_rotation)
-    scatter8(d_quaternions, 4 * i, 4, select8(seen, g_w, ZERO))
-    scatter8(d_quaternions, 4 * i + 1, 4, select8(seen, g_i, ZERO))
-    scatter8(d_quaternions, 4 * i + 2, 4, select8(seen, g_j, ZERO))
-    scatter8(d_quaternions, 4 * i + 3, 4, select8(seen, g_k, ZERO))
+    scatter8_at(d_quaternions, rows, 4, 0, g_w)
+    scatter8_at(d_quaternions, rows, 4, 1, g_i)
+    scatter8_at(d_quaternions, rows, 4, 2, g_j)
+    scatter8_at(d_quaternions, rows, 4, 3, g_k)
 
     # A colour channel that was clamped at 0 passes no gradient on.
-    base, step = out * layout.RECORD, layout.RECORD
-    red, green = gather8(records, base + layout.RED, step), gather8(records, base + layout.GREEN, step)
-    blue = gather8(records, base + layout.BLUE, step)
-    red = select8(seen & (red > ZERO), gather8(sums, layout.S_RED, SLOT), ZERO)
-    green = select8(seen & (green > ZERO), gather8(sums, layout.S_GREEN, SLOT), ZERO)
-    blue = select8(seen & (blue > ZERO), gather8(sums, layout.S_BLUE, SLOT), ZERO)
+    step = layout.RECORD
+    red = select8(gather8_at(records, rows, step, layout.RED) > ZERO, sum_red, ZERO)
+    green = select8(gather8_at(records, rows, step, layout.GREEN) > ZERO, sum_green, ZERO)
+    blue = select8(gather8_at(records, rows, step, layout.BLUE) > ZERO, sum_blue, ZERO)
     eye = layout.CENTRE
     dx, dy, dz = px - view[eye], py - view[eye + 1], pz - view[eye + 2]
     dx, dy, dz = color_backward8(
-        sh_rest, rest, degree, i, seen, dx, dy, dz, red, green, blue, d_dc, d_rest, basis, pulls
+        sh_rest, rest, degree, rows, dx, dy, dz, red, green, blue, d_dc, d_rest, basis, pulls, coefficients
     )
-    scatter8(d_means, 3 * i, 3, select8(seen, r00 * g_x + (r10 * g_y + r20 * g_z) + dx, ZERO))
-    scatter8(d_means, 3 * i + 1, 3, select8(seen, r01 * g_x + (r11 * g_y + r21 * g_z) + dy, ZERO))
-    scatter8(d_means, 3 * i + 2, 3, select8(seen, r02 * g_x + (r12 * g_y + r22 * g_z) + dz, ZERO))
+    scatter8_at(d_means, rows, 3, 0, r00 * g_x + (r10 * g_y + r20 * g_z) + dx)
+    scatter8_at(d_means, rows, 3, 1, r01 * g_x + (r11 * g_y + r21 * g_z) + dy)
+    scatter8_at(d_means, rows, 3, 2, r02 * g_x + (r12 * g_y + r22 * g_z) + dz)

@@ -1,8 +1,7 @@
-"""Rendering from several aperture samples: shifted records, and joined lists."""
+"""Rendering from several aperture samples: shifted records, and gradients by the shift."""
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit, prange
 
 from dofbench.runtime.kernel_cache import PRANGE, cached
@@ -44,27 +43,3 @@ def times_point(gradients, x, y):
             gradients[base + layout.S_POINT_XX] = x * by_x
             gradients[base + layout.S_POINT_XY] = x * by_y + y * by_x
             gradients[base + layout.S_POINT_YY] = y * by_y
-
-
-@cached
-@njit(parallel=PRANGE, error_model="numpy")
-def join_places(offsets, places, first):
-    """One list of places a Gaussian, over all lens points, in the order of the points.
-
-    offsets: (P, N + 1), those of each point; places: (total,), all points' one after the other; first: (P + 1,), where
-    each point's begin. Returns joined offsets (N + 1,) and places (total,).
-    """
-    points, n = offsets.shape[0], offsets.shape[1] - 1
-    joined, order = np.empty(n + 1, np.int32), np.empty_like(places)
-    for chunk in prange(CHUNKS):
-        for i in range(chunk * (n + 1) // CHUNKS, (chunk + 1) * (n + 1) // CHUNKS):
-            before = 0
-            for p in range(points):
-                before += offsets[p, i]
-            joined[i] = before
-            if i < n:
-                for p in range(points):
-                    for k in range(offsets[p, i], offsets[p, i + 1]):
-                        order[before] = places[first[p] + k]
-                        before += 1
-    return joined, order

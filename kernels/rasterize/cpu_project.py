@@ -8,23 +8,25 @@ from numba import njit, prange
 from dofbench.runtime.kernel_cache import PRANGE, cached, internal
 from dofbench.runtime.simd import LANES, any8, bits8, select8, splat8
 from dofbench.runtime.simd_functions import exp8, floor8, log2_8, max8, min8, sqrt8
-from dofbench.runtime.simd_memory import gather8, load8, scatter8, store8
+from dofbench.runtime.simd_memory import load8, store8
+from dofbench.runtime.simd_rows import gather8_at, load_fours8, load_threes8, scatter8_at, store_rows8
 
 from . import cpu_layout as layout
 from .cpu_bin import count_tiles
 from .cpu_footprint import ONE, ZERO, axes8, dot3, footprint8, plane8, ratio8, sizes8, to_camera8, unit_quaternion8
 from .cpu_layout import CHUNKS, MIN_ALPHA, tails_of
-from .cpu_sh import TERMS, color8
+from .cpu_sh import TERMS, color8, prefetch_terms
 
 HALF = np.float32(0.5)
 
 
 @internal(error_model="numpy")
-def project_block(inputs, rest, degree, geometry, view, i, outputs, out, basis):
-    """Project Gaussians i … i + 7 of the inputs into places out … out + 7; returns the lanes gone non-finite."""
-    means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest, filter_3d, blur, margin = inputs
+def project_block(inputs, geometry, view, i, outputs, out):
+    """Project Gaussians i … i + 7 of the inputs into places out … out + 7, all but their colours; returns the lanes
+    gone non-finite."""
+    means, log_scales, quaternions, opacity_logits, _, _, filter_3d, blur, margin = inputs
     records, depths, radii, visible, _ = outputs
-    px, py, pz = gather8(means, 3 * i, 3), gather8(means, 3 * i + 1, 3), gather8(means, 3 * i + 2, 3)
+    px, py, pz = load_threes8(means, 3 * i)
     x, y, z = to_camera8(view, px, py, pz)
     fx, fy = view[layout.FX], view[layout.FY]
     in_front = z > view[layout.NEAR]
@@ -43,9 +45,13 @@ def project_block(inputs, rest, degree, geometry, view, i, outputs, out, basis):
     cu = min8(max8(u, view[layout.U_LOW]), view[layout.U_HIGH])
     cv = min8(max8(v, view[layout.V_LOW]), view[layout.V_HIGH])
 
-    w, qx, qy, qz, _ = unit_quaternion8(quaternions, i)
+    w, qx, qy, qz = load_fours8(quaternions, 4 * i)
+    w, qx, qy, qz, _ = unit_quaternion8(w, qx, qy, qz)
     axes = axes8(view, w, qx, qy, qz)
-    s0, s1, s2, e0, e1, e2 = sizes8(log_scales, filter_3d, i)
+    filtered = filter_3d.size > 0
+    size = load8(filter_3d, i) if filtered else splat8(ZERO)
+    log0, log1, log2 = load_threes8(log_scales, 3 * i)
+    s0, s1, s2, e0, e1, e2 = sizes8(log0, log1, log2, filtered, size)
     _, _, (sxx, sxy, syy), _, det_bare = footprint8(view, axes, (e0, e1, e2), iz, cu, cv)
     filter_2d = view[layout.FILTER_2D]
     det = det_bare + filter_2d * (sxx + syy + filter_2d)
@@ -103,40 +109,39 @@ def project_block(inputs, rest, degree, geometry, view, i, outputs, out, basis):
     if bits == 0:
         return bits8(~finite)
 
-    base = out * layout.RECORD
-    scatter8(records, base + layout.MX, layout.RECORD, mx)
-    scatter8(records, base + layout.MY, layout.RECORD, my)
-    scatter8(records, base + layout.L11, layout.RECORD, l11)
-    scatter8(records, base + layout.L21, layout.RECORD, l21)
-    scatter8(records, base + layout.L22, layout.RECORD, l22)
-    scatter8(records, base + layout.LOG2_OPACITY, layout.RECORD, log2_opacity)
-    scatter8(records, base + layout.LIMIT, layout.RECORD, limit)
-
-    eye = layout.CENTRE
-    red, green, blue = color8(
-        sh_dc, sh_rest, rest, degree, i, px - view[eye], py - view[eye + 1], pz - view[eye + 2], basis
-    )
-    finite = finite & ((~seen) | ((red - red) + (green - green) + (blue - blue) == ZERO))
-    scatter8(records, base + layout.RED, layout.RECORD, max8(red, ZERO))
-    scatter8(records, base + layout.GREEN, layout.RECORD, max8(green, ZERO))
-    scatter8(records, base + layout.BLUE, layout.RECORD, max8(blue, ZERO))
-
+    base, none = out * layout.RECORD, splat8(ZERO)
+    t0, tx, ty, nx, ny, nz = none, none, none, none, none, none
     if geometry > 0:
         _, _, _, (hx, hy, hz), along, length = plane8(axes, (e0, e1, e2), cu, cv)
         edge_on = along <= layout.EDGE_ON * length
         inverse_along = ONE / select8(edge_on, ONE, along)
         ig = ONE / (cu * cu + (cv * cv + ONE))
-        distance = sqrt8(dot3(x, y, z, x, y, z))
-        scatter8(records, base + layout.T0, layout.RECORD, distance)
-        tx, ty = distance * (hx * inverse_along - cu * ig) / fx, distance * (hy * inverse_along - cv * ig) / fy
-        scatter8(records, base + layout.TX, layout.RECORD, select8(edge_on, ZERO, tx))
-        scatter8(records, base + layout.TY, layout.RECORD, select8(edge_on, ZERO, ty))
+        t0 = sqrt8(dot3(x, y, z, x, y, z))
+        tx, ty = t0 * (hx * inverse_along - cu * ig) / fx, t0 * (hy * inverse_along - cv * ig) / fy
+        tx, ty = select8(edge_on, ZERO, tx), select8(edge_on, ZERO, ty)
         if geometry > 1:
             unit = select8(edge_on, ZERO, -ONE / select8(edge_on, ONE, length))
-            scatter8(records, base + layout.NX, layout.RECORD, hx * unit)
-            scatter8(records, base + layout.NY, layout.RECORD, hy * unit)
-            scatter8(records, base + layout.NZ, layout.RECORD, hz * unit)
+            nx, ny, nz = hx * unit, hy * unit, hz * unit
+    # In the order of the record; colours follow for those that are visible.
+    store_rows8(records, base, layout.RECORD, (mx, my, l11, l21, l22, log2_opacity, none, none))
+    store_rows8(records, base + LANES, layout.RECORD, (none, t0, tx, ty, nx, ny, nz, limit))
     return bits8(~finite)
+
+
+@internal(error_model="numpy")
+def color_rows(inputs, rest, degree, view, rows, records, basis, coefficients):
+    """Write the colours of eight Gaussians, given by their indices, to their records; returns the lanes gone
+    non-finite."""
+    means, _, _, _, sh_dc, sh_rest, _, _, _ = inputs
+    eye = layout.CENTRE
+    dx = gather8_at(means, rows, 3, 0) - view[eye]
+    dy = gather8_at(means, rows, 3, 1) - view[eye + 1]
+    dz = gather8_at(means, rows, 3, 2) - view[eye + 2]
+    red, green, blue = color8(sh_dc, sh_rest, rest, degree, rows, dx, dy, dz, basis, coefficients)
+    scatter8_at(records, rows, layout.RECORD, layout.RED, max8(red, ZERO))
+    scatter8_at(records, rows, layout.RECORD, layout.GREEN, max8(green, ZERO))
+    scatter8_at(records, rows, layout.RECORD, layout.BLUE, max8(blue, ZERO))
+    return bits8(~((red - red) + (green - green) + (blue - blue) == ZERO))
 
 
 @internal(error_model="numpy")
@@ -145,22 +150,38 @@ def project_blocks(inputs, rest, tails, degree, geometry, view, first, stop, out
     n, margin = inputs[3].size, inputs[8]
     records, _, _, visible, counts = outputs
     bad = -1
-    basis = np.empty(TERMS * LANES, np.float32)
+    basis, coefficients = np.empty(TERMS * LANES, np.float32), np.empty(3 * TERMS * LANES, np.float32)
+    # Visible Gaussians whose colour is still to come: only theirs is computed, eight at a time. They wait until eight
+    # more have come, while memory sends their coefficients.
+    rows, waiting = np.empty(3 * LANES, np.int32), 0
     for block in range(first, stop):
         i = block * LANES
         # One call with selected arguments, since a second call would compile a second copy.
         place, eight = (i, inputs) if i + LANES <= n else (0, tails)
-        lost = project_block(eight, rest, degree, geometry, view, place, outputs, i, basis)
+        lost = project_block(eight, geometry, view, place, outputs, i)
         for lane in range(min(LANES, n - i)):
             if (lost >> lane) & 1:
                 bad = i + lane
             met = 0
             if visible[i + lane]:
                 met = count_tiles(records, i + lane, view) if margin.size == 0 else 1
+                rows[waiting] = i + lane
+                waiting += 1
+                prefetch_terms(inputs[5], rest, i + lane)
             counts[i + lane] = met
         for k in range(n, i + LANES):
             visible[k] = False
             counts[k] = 0
+        while waiting >= 2 * LANES or (waiting > 0 and block == stop - 1):
+            for k in range(waiting, LANES):  # fills the last eight up with copies
+                rows[k] = rows[waiting - 1]
+            lost = color_rows(inputs, rest, degree, view, rows, records, basis, coefficients)
+            for lane in range(LANES):
+                if (lost >> lane) & 1:
+                    bad = rows[lane]
+            waiting = max(waiting - LANES, 0)
+            for k in range(waiting):
+                rows[k] = rows[k + LANES]
     return bad
 
 

@@ -1,5 +1,5 @@
-"""The gradient of projection: the sums over each Gaussian's intersections, and the walk over all Gaussians, eight at a
-time."""
+"""The gradient of projection: the sums over each Gaussian's intersections, and the walk over all Gaussians, eight of
+those with a gradient at a time."""
 
 from __future__ import annotations
 
@@ -12,98 +12,117 @@ from dofbench.runtime.simd_memory import load8, prefetch, store8
 
 from . import cpu_layout as layout
 from .cpu_footprint import ZERO
-from .cpu_gaussian_backward import backward_block
-from .cpu_layout import CHUNKS, tails_of
-from .cpu_sh import TERMS
+from .cpu_gaussian_backward import backward_rows
+from .cpu_layout import CHUNKS
+from .cpu_sh import TERMS, prefetch_terms
 
 SLOT = layout.SLOT
+_AHEAD = 32  # intersections are prefetched so many Gaussians ahead
 
 
 @internal(forceinline=True)
-def reduce_places(gradients, width, places, first, last, sums, lane):
-    """The sum over one Gaussian's intersections, in the order of its tiles, into its row of `sums`."""
+def prefetch_places(intersections, i):
+    """Ask for Gaussian i's intersections, which are scattered in memory."""
+    gradients, width, blended, offsets, places, begins = intersections
+    for point in range(begins.size):
+        begin = begins[point]
+        for k in range(begin + offsets[point, i], begin + offsets[point, i + 1]):
+            place = begin + places[k]
+            prefetch(gradients, place * width)
+            prefetch(blended, place)
+
+
+@internal(forceinline=True)
+def sum_places(intersections, i, sums, row):
+    """Sum Gaussian i's intersections in the order of its tiles, of one lens point after the other, into a row of
+    `sums`; returns whether there is any that was blended."""
+    gradients, width, blended, offsets, places, begins = intersections
     low, middle, high = splat8(ZERO), splat8(ZERO), splat8(ZERO)
-    for k in range(first, last):
-        base = np.int64(places[k]) * width
-        low += load8(gradients, base)
-        middle += load8(gradients, base + LANES)
-        if width > 2 * LANES:
-            high += load8(gradients, base + 2 * LANES)
-    store8(sums, lane * SLOT, low)
-    store8(sums, lane * SLOT + LANES, middle)
-    store8(sums, lane * SLOT + 2 * LANES, high)
+    found = False
+    for point in range(begins.size):
+        begin = begins[point]
+        for k in range(begin + offsets[point, i], begin + offsets[point, i + 1]):
+            place = begin + places[k]
+            if blended[place] != 0:
+                found = True
+                base = place * width
+                low += load8(gradients, base)
+                middle += load8(gradients, base + LANES)
+                if width > 2 * LANES:
+                    high += load8(gradients, base + 2 * LANES)
+    store8(sums, row * SLOT, low)
+    store8(sums, row * SLOT + LANES, middle)
+    store8(sums, row * SLOT + 2 * LANES, high)
+    return found
+
+
+@internal(forceinline=True)
+def _zero(array, width, first, stop):
+    if array.size > 0:
+        for k in range(width * first, width * stop):
+            array[k] = ZERO
 
 
 @internal(error_model="numpy")
-def zero_rows(array, n, i, count):
-    """Set rows i … i + count - 1 of a flat array of n rows to zero; the array may be empty."""
-    width = array.size // n
-    for k in range(width * i, width * (i + count)):
-        array[k] = ZERO
+def zero_rows(outputs, rest, first, stop):
+    """Set the gradients of the Gaussians first … stop - 1 to zero."""
+    _zero(outputs[0], 3, first, stop)
+    _zero(outputs[1], 3, first, stop)
+    _zero(outputs[2], 4, first, stop)
+    _zero(outputs[3], 1, first, stop)
+    _zero(outputs[4], 3, first, stop)
+    _zero(outputs[5], 3 * rest, first, stop)
+    _zero(outputs[6], 1, first, stop)
+    _zero(outputs[7], 1, first, stop)
+    _zero(outputs[8], 2, first, stop)
+    _zero(outputs[9], 2, first, stop)
 
 
 @internal(error_model="numpy")
-def put_tail(array, n, tail):
-    """Write a padded block back to the rows after the last full block; the inverse of `tail_of`."""
-    start = n // LANES * LANES * (array.size // n)
-    for k in range(start, array.size):
-        array[k] = tail[k - start]
+def fill_up(rows, sums, count):
+    """Fill eight rows up with copies of the last of `count`."""
+    for k in range(count, LANES):
+        rows[k] = rows[count - 1]
+        for number in range(SLOT):
+            sums[k * SLOT + number] = sums[(count - 1) * SLOT + number]
 
 
 @internal(error_model="numpy")
-def met_lanes(offsets, i, count):
-    """Which of the Gaussians i … i + count - 1 met a tile; bit k is Gaussian i + k."""
-    bits = 0
-    for lane in range(count):
-        if offsets[i + lane + 1] > offsets[i + lane]:
-            bits |= 1 << lane
-    return bits
-
-
-@internal(error_model="numpy")
-def backward_blocks(inputs, rest, tails, degree, geometry, view, records, intersections, first, stop, outputs):
-    """Compute the gradients of the blocks first … stop - 1."""
-    n = inputs[3].size
-    gradients, width, offsets, places = intersections
+def backward_part(inputs, rest, degree, geometry, view, records, intersections, first, stop, outputs):
+    """Compute the gradients of the Gaussians first … stop - 1."""
     grad_2d, abs_grad_2d = outputs[8], outputs[9]
-    sums = np.empty(LANES * SLOT, np.float32)
+    rows, sums = np.empty(2 * LANES, np.int32), np.empty(2 * LANES * SLOT, np.float32)
     mean_2d = np.empty(2 * LANES, np.float32)
     basis, pulls = np.empty(TERMS * LANES, np.float32), np.empty(TERMS * LANES, np.float32)
-    last = tails_of(outputs[:9], n)
-    for block in range(first, stop):
-        i = block * LANES
-        count = min(LANES, n - i)
-        seen = met_lanes(offsets, i, count)
-        if seen == 0:  # no tile met them
-            for array in outputs:
-                zero_rows(array, n, i, count)
-            continue
-        for k in range(sums.size):
-            sums[k] = ZERO
-        # The next block's intersections are scattered in memory; prefetching them now hides the latency behind this
-        # block.
-        for k in range(np.int64(offsets[i + count]), np.int64(offsets[min(i + 2 * LANES, n)])):
-            prefetch(gradients, np.int64(places[k]) * width)
-        for lane in range(count):
-            begin, end = np.int64(offsets[i + lane]), np.int64(offsets[i + lane + 1])
-            reduce_places(gradients, width, places, begin, end, sums, lane)
-        # One call with chosen arguments: a second call would be a second copy to compile.
-        place, eight, found = (i, inputs, outputs[:9]) if count == LANES else (0, tails, last)
-        backward_block(
-            eight, rest, degree, geometry, view, place, records, i, seen, sums, found, mean_2d, basis, pulls
-        )  # fmt: skip
-        if count < LANES:
-            for k in range(8):
-                put_tail(outputs[k], n, last[k])
-        if grad_2d.size > 0:
-            for lane in range(count):
-                met = (seen >> lane) & 1 != 0
-                grad_2d[2 * (i + lane)] = mean_2d[lane] if met else ZERO
-                grad_2d[2 * (i + lane) + 1] = mean_2d[LANES + lane] if met else ZERO
-        if abs_grad_2d.size > 0:
-            for lane in range(count):
-                abs_grad_2d[2 * (i + lane)] = sums[lane * SLOT + layout.ABS_X]
-                abs_grad_2d[2 * (i + lane) + 1] = sums[lane * SLOT + layout.ABS_Y]
+    coefficients = np.empty(3 * TERMS * LANES, np.float32)
+    waiting, empty = 0, first  # rows that wait for eight; the first Gaussian of those before i without a gradient
+    for i in range(first, stop):
+        prefetch_places(intersections, min(i + _AHEAD, stop - 1))
+        if sum_places(intersections, i, sums, waiting):
+            rows[waiting] = i
+            waiting += 1
+            prefetch_terms(inputs[5], rest, i)
+            zero_rows(outputs, rest, empty, i)
+            empty = i + 1
+        while waiting == 2 * LANES or (waiting > 0 and i == stop - 1):
+            fill_up(rows, sums, waiting)
+            backward_rows(
+                inputs, rest, degree, geometry, view, records, rows, sums, outputs[:8], mean_2d, basis, pulls,
+                coefficients,
+            )  # fmt: skip
+            for lane in range(LANES):
+                if grad_2d.size > 0:
+                    grad_2d[2 * rows[lane]] = mean_2d[lane]
+                    grad_2d[2 * rows[lane] + 1] = mean_2d[LANES + lane]
+                if abs_grad_2d.size > 0:
+                    abs_grad_2d[2 * rows[lane]] = sums[lane * SLOT + layout.ABS_X]
+                    abs_grad_2d[2 * rows[lane] + 1] = sums[lane * SLOT + layout.ABS_Y]
+            waiting = max(waiting - LANES, 0)
+            for k in range(waiting):
+                rows[k] = rows[k + LANES]
+            for k in range(waiting * SLOT):
+                sums[k] = sums[k + LANES * SLOT]
+    zero_rows(outputs, rest, empty, stop)
 
 
 @cached
@@ -111,14 +130,14 @@ def backward_blocks(inputs, rest, tails, degree, geometry, view, records, inters
 def project_backward(inputs, rest, degree, geometry, view, records, intersections, outputs):
     """Reduce the intersections' gradients to Gaussians and on to the parameters.
 
-    inputs: as in `project`, margin empty. intersections: gradients, how many floats each has, and offsets and places of
-    `fill_tiles`. outputs: the gradients of the six parameters, of blur and of the radius by which lens points move a
-    Gaussian, grad_2d and abs_grad_2d, all flat; that of blur is empty if blur is empty; the last three may be empty.
-    For the radius's, the intersections hold S_POINT_XX … instead of sums of depth (cpu_layout).
+    inputs: as in `project`, margin empty. intersections: gradients, how many floats each has, which of them were
+    blended, of each lens point the offsets of `fill_tiles`, (P, N + 1), and its places, one point's after the other,
+    and where each point's begin; a view without lens points is one point. outputs: the gradients of the six
+    parameters, of blur and of the radius by which lens points move a Gaussian, grad_2d and abs_grad_2d, all flat; that
+    of blur is empty if blur is empty; the last three may be empty. For the radius's, the intersections hold
+    S_POINT_XX … instead of sums of depth (cpu_layout).
     """
-    blocks = (inputs[3].size + LANES - 1) // LANES
-    chunks = min(blocks, CHUNKS)
-    tails = tails_of(inputs, inputs[3].size)
-    for chunk in prange(chunks):
-        first, stop = chunk * blocks // chunks, (chunk + 1) * blocks // chunks
-        backward_blocks(inputs, rest, tails, degree, geometry, view, records, intersections, first, stop, outputs)
+    n = inputs[3].size
+    for chunk in prange(CHUNKS):
+        first, stop = chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS
+        backward_part(inputs, rest, degree, geometry, view, records, intersections, first, stop, outputs)

@@ -8,11 +8,13 @@ from __future__ import annotations
 import numpy as np
 
 from dofbench.runtime.kernel_cache import internal
-from dofbench.runtime.simd import LANES, select8, splat8
+from dofbench.runtime.simd import LANES, splat8
 from dofbench.runtime.simd_functions import sqrt8
-from dofbench.runtime.simd_memory import gather8, load8, scatter8, store8
+from dofbench.runtime.simd_memory import load8, prefetch, store8
+from dofbench.runtime.simd_rows import gather8_at, load_rows8_at, scatter8_at, store_rows8_at
 
 TERMS = 16
+_LINE = 16  # floats of a cache line
 C0 = np.float32(0.28209479177387814)
 C1 = np.float32(0.4886025119029199)
 C2A, C2B, C2C = np.float32(1.0925484305920792), np.float32(0.31539156525252005), np.float32(0.5462742152960396)
@@ -79,47 +81,99 @@ def direction_gradient(f, degree, x, y, z):
 
 
 @internal(forceinline=True)
-def color8(sh_dc, sh_rest, rest, degree, i, dx, dy, dz, basis):
-    """1/2 + the sum of the series in direction (dx, dy, dz), any length; three channels, not clamped."""
+def prefetch_terms(sh_rest, rest, i):
+    """Ask for the cache lines of Gaussian i's row of sh_rest."""
+    for k in range(0, 3 * rest, _LINE):
+        prefetch(sh_rest, 3 * rest * i + k)
+    if rest > 0:
+        prefetch(sh_rest, 3 * rest * i + 3 * rest - 1)
+
+
+@internal(forceinline=True)
+def put_columns(buffer, first, columns):
+    """Write eight vectors to buffer[8 first : 8 (first + 8)]."""
+    a, b, c, d, e, f, g, h = columns
+    at = LANES * first
+    store8(buffer, at, a)
+    store8(buffer, at + LANES, b)
+    store8(buffer, at + 2 * LANES, c)
+    store8(buffer, at + 3 * LANES, d)
+    store8(buffer, at + 4 * LANES, e)
+    store8(buffer, at + 5 * LANES, f)
+    store8(buffer, at + 6 * LANES, g)
+    store8(buffer, at + 7 * LANES, h)
+
+
+@internal(forceinline=True)
+def get_columns(buffer, first):
+    """The inverse of `put_columns`."""
+    at = LANES * first
+    return (
+        load8(buffer, at), load8(buffer, at + LANES), load8(buffer, at + 2 * LANES), load8(buffer, at + 3 * LANES),
+        load8(buffer, at + 4 * LANES), load8(buffer, at + 5 * LANES), load8(buffer, at + 6 * LANES),
+        load8(buffer, at + 7 * LANES),
+    )  # fmt: skip
+
+
+@internal(forceinline=True)
+def load_terms(sh_rest, rest, degree, rows, coefficients):
+    """coefficients[8 k : 8 k + 8] = number k of eight Gaussians' rows of sh_rest, for the numbers up to `degree`."""
+    width = 3 * rest
+    for column in range(0, 3 * ((degree + 1) * (degree + 1) - 1), LANES):
+        first = min(column, width - LANES)  # the last eight overlap those before
+        put_columns(coefficients, first, load_rows8_at(sh_rest, rows, width, first))
+
+
+@internal(forceinline=True)
+def color8(sh_dc, sh_rest, rest, degree, rows, dx, dy, dz, basis, coefficients):
+    """1/2 + the sum of the series of the Gaussians `rows` in direction (dx, dy, dz), any length; three channels, not
+    clamped. basis and coefficients are working memory."""
     inverse = ONE / sqrt8(dx * dx + (dy * dy + dz * dz))
     fill_basis(basis, degree, dx * inverse, dy * inverse, dz * inverse)
     red, green, blue = (
-        HALF + C0 * gather8(sh_dc, 3 * i, 3),
-        HALF + C0 * gather8(sh_dc, 3 * i + 1, 3),
-        HALF + C0 * gather8(sh_dc, 3 * i + 2, 3),
+        HALF + C0 * gather8_at(sh_dc, rows, 3, 0),
+        HALF + C0 * gather8_at(sh_dc, rows, 3, 1),
+        HALF + C0 * gather8_at(sh_dc, rows, 3, 2),
     )
-    stride = 3 * rest
+    load_terms(sh_rest, rest, degree, rows, coefficients)
     for term in range(1, (degree + 1) * (degree + 1)):
-        place = stride * i + 3 * (term - 1)
+        place = 3 * LANES * (term - 1)
         weight = load8(basis, term * LANES)
-        red += weight * gather8(sh_rest, place, stride)
-        green += weight * gather8(sh_rest, place + 1, stride)
-        blue += weight * gather8(sh_rest, place + 2, stride)
+        red += weight * load8(coefficients, place)
+        green += weight * load8(coefficients, place + LANES)
+        blue += weight * load8(coefficients, place + 2 * LANES)
     return red, green, blue
 
 
 @internal(forceinline=True)
-def color_backward8(sh_rest, rest, degree, i, seen, dx, dy, dz, red, green, blue, d_dc, d_rest, basis, pulls):
-    """Write the coefficients' gradients from dL/d(colour); returns dL/d(dx, dy, dz).
+def color_backward8(
+    sh_rest, rest, degree, rows, dx, dy, dz, red, green, blue, d_dc, d_rest, basis, pulls, coefficients
+):  # fmt: skip
+    """Write the coefficients' gradients of the Gaussians `rows` from dL/d(colour); returns dL/d(dx, dy, dz).
 
-    Lanes not `seen` and coefficients beyond `degree` get zeros. basis and pulls are working memory.
+    Coefficients beyond `degree` get zeros. basis, pulls and coefficients are working memory.
     """
-    scatter8(d_dc, 3 * i, 3, C0 * red)
-    scatter8(d_dc, 3 * i + 1, 3, C0 * green)
-    scatter8(d_dc, 3 * i + 2, 3, C0 * blue)
-    inverse = select8(seen, ONE / sqrt8(dx * dx + (dy * dy + dz * dz)), ZERO)
+    scatter8_at(d_dc, rows, 3, 0, C0 * red)
+    scatter8_at(d_dc, rows, 3, 1, C0 * green)
+    scatter8_at(d_dc, rows, 3, 2, C0 * blue)
+    inverse = ONE / sqrt8(dx * dx + (dy * dy + dz * dz))
     x, y, z = dx * inverse, dy * inverse, dz * inverse
     fill_basis(basis, degree, x, y, z)
-    stride = 3 * rest
-    terms = (degree + 1) * (degree + 1)
-    for term in range(1, rest + 1):
-        place = stride * i + 3 * (term - 1)
-        weight = load8(basis, term * LANES) if term < terms else splat8(ZERO)
-        scatter8(d_rest, place, stride, weight * red)
-        scatter8(d_rest, place + 1, stride, weight * green)
-        scatter8(d_rest, place + 2, stride, weight * blue)
-        pull = gather8(sh_rest, place, stride) * red + gather8(sh_rest, place + 1, stride) * green
-        store8(pulls, term * LANES, pull + gather8(sh_rest, place + 2, stride) * blue)
+    load_terms(sh_rest, rest, degree, rows, coefficients)
+    width, terms = 3 * rest, (degree + 1) * (degree + 1)
+    for term in range(1, terms):
+        place = 3 * LANES * (term - 1)
+        weight = load8(basis, term * LANES)
+        pull = load8(coefficients, place) * red + load8(coefficients, place + LANES) * green
+        store8(pulls, term * LANES, pull + load8(coefficients, place + 2 * LANES) * blue)
+        store8(coefficients, place, weight * red)
+        store8(coefficients, place + LANES, weight * green)
+        store8(coefficients, place + 2 * LANES, weight * blue)
+    for place in range(3 * LANES * (terms - 1), LANES * width, LANES):
+        store8(coefficients, place, splat8(ZERO))  # loaded with their neighbours
+    for column in range(0, width, LANES):
+        first = min(column, width - LANES)
+        store_rows8_at(d_rest, rows, width, first, get_columns(coefficients, first))
     gx, gy, gz = direction_gradient(pulls, degree, x, y, z)
     # Backward through the normalisation: only the part perpendicular to the direction passes.
     along = x * gx + (y * gy + z * gz)
