@@ -1,6 +1,6 @@
 """make-dataset of large photographs: time by stage, and memory, with one view at a time and with several.
 
-    python -m benchmarks.speed.make_dataset --out reports/speed
+    python -m benchmarks.speed.make_dataset --out DIR
 
 Each dataset is made by a process of its own, with all numbers of threads in turn, and must have the same bytes. The
 photographs are textures with grain; their depth is given. Wall time is meaningful only on an idle machine of cores of

@@ -6,10 +6,8 @@ resampling and arithmetic on whole images. Kernels hold the lock, but use all co
 
 from __future__ import annotations
 
-import ctypes
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
 from typing import Generic, TypeVar
 
 from dofbench.runtime.memory import free_memory_mb
@@ -39,8 +37,9 @@ def over_views(work: Callable[[View], Result], views: Iterable[View], at_once: i
     """Yield `work` of each view, in the order of the views, done `at_once` views at a time.
 
     Threads are at most a few views ahead of what is taken, so that results don't pile up. An exception of `work` is
-    raised in its view's place; later views then aren't started. Then, and when the iterator is closed or interrupted,
-    the work on other views is interrupted at the next line of Python, and has ended when this function returns.
+    raised in its view's place. Then, and when the iterator is closed or interrupted, no further view is started, and
+    those at work are finished first: a thread that is stopped from outside may keep a lock. A second interruption
+    doesn't wait for them.
     """
     views = list(views)
     if min(at_once, len(views)) <= 1:
@@ -53,10 +52,6 @@ def over_views(work: Callable[[View], Result], views: Iterable[View], at_once: i
             yield threads.result(index)
     finally:
         threads.stop()
-
-
-class _Stopped(SystemExit):
-    """Raised in a thread whose result nobody wants; a thread that ends by a SystemExit prints nothing."""
 
 
 class _Threads(Generic[View, Result]):
@@ -85,33 +80,27 @@ class _Threads(Generic[View, Result]):
             return self._results.pop(index)
 
     def stop(self) -> None:
-        """Interrupt the threads, and wait until they have ended."""
+        """Start no further view, and wait until those at work are finished."""
         with self._changed:
             self._stopped = True
             self._changed.notify_all()
-        for thread in self._threads:
-            if thread.is_alive() and thread.ident is not None:
-                ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident), ctypes.py_object(_Stopped))
         for thread in self._threads:
             if thread.ident is not None:
                 thread.join()
 
     def _run(self) -> None:
-        with suppress(_Stopped):
-            while (index := self._next()) is not None:
-                try:
-                    result = self._work(self._views[index])
-                except _Stopped:
-                    return
-                except BaseException as error:
-                    with self._changed:
-                        self._errors[index] = error
-                        self._changed.notify_all()
-                    return
+        while (index := self._next()) is not None:
+            try:
+                result = self._work(self._views[index])
+            except BaseException as error:
                 with self._changed:
-                    self._results[index] = result
+                    self._errors[index] = error
                     self._changed.notify_all()
-                del result  # which may be large
+                return
+            with self._changed:
+                self._results[index] = result
+                self._changed.notify_all()
+            del result  # which may be large
 
     def _next(self) -> int | None:
         """The view to work on; None where there is none, or where an earlier one failed."""
