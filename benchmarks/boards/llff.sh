@@ -4,7 +4,7 @@
 # order, stated before any run: fern's tables first, flower's after them. What is finished is kept: called again, it goes on.
 set -e
 scenes=$1 out=$2
-dofbench make-dataset llff_fern llff_flower --data-root "$scenes" --width 504 --focus 0.2,0.5,0.8 --aperture 0.5,1.0 --out "$out/data"
+dofbench make-dataset llff/fern llff/flower --data-root "$scenes" --width 504 --focus 0.2,0.5,0.8 --aperture 0.5,1.0 --out "$out/data"
 sed '1,5s/^method = "dofgaussian"/method = "lensselect"/' methods/dofgaussian/ablations.toml > "$out/ours.toml"
 for data in "$out/data/llff_fern" "$out/data/llff_fern,$out/data/llff_flower"; do
     for table in table3 table2 table4 table5; do

@@ -157,7 +157,7 @@ def cached(dispatcher: Dispatcher) -> Dispatcher:
 
 def internal(**options: Any) -> Callable[[Callable[..., object]], Any]:
     """`njit` for functions that compiled functions alone call: without the wrappers by which Python and C would call
-    them, which take a good part of the time to compile a small function."""
+    them, which take a good part of the time to compile a small function. A call from Python ends the process."""
     return njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)
 
 
