@@ -36,7 +36,7 @@ from dofbench.core.files import write_csv  # noqa: E402
 from dofbench.methods.cards import find_method  # noqa: E402
 from dofbench.runtime.freed_memory import keep_freed_memory  # noqa: E402
 from dofbench.training.common.monitor import Place, StageClock  # noqa: E402
-from dofbench.training.common.views import scaled_views  # noqa: E402
+from dofbench.training.common.views import ScaledViews  # noqa: E402
 from dofbench.training.gaussians.gaussian_method import GaussianMethod  # noqa: E402
 from dofbench.training.gaussians.trainer import Trainer  # noqa: E402
 from dofbench.training.gaussians.training_step import take_step  # noqa: E402
@@ -158,7 +158,7 @@ def row(method_id: str, n: int, settings: Settings) -> dict[str, object]:
     assert isinstance(method, GaussianMethod)
     trainer = Trainer(scene(n, settings.width, settings.height), method.options, 0)
     vary(trainer)
-    view = scaled_views(trainer.views, (1,), None, 0.0, 0, "cpu")[1][0]
+    view = ScaledViews(trainer.views, 1, None, 0.0, 0, "cpu")[0]
     steps: list[dict[str, float]] = []
     with trainer.state.density.pace.rest():
         for step in range(1, 4 + settings.steps):
