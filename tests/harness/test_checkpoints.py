@@ -109,7 +109,8 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def command(data: Path, out: Path, *more: object) -> list[str]:
-    return dofbench("run", "--method", "3dgs", "--budget", "1500it", "--data", data, "--out", out, "--watch", *more)
+    budget = ("--budget", "1500it") if "--budget" not in more else ()
+    return dofbench("run", "--method", "3dgs", *budget, "--data", data, "--out", out, "--watch", *more)
 
 
 def test_what_sigterm_cuts_off_ends_as_if_it_had_not(data: Path, tmp_path: Path) -> None:
@@ -141,7 +142,7 @@ def test_so_it_is_in_a_worker(data: Path, tmp_path: Path) -> None:
         made = Counter(path.parent for path in (tmp_path / "cut").glob("*/*/snapshots/0*"))
         return len(made) == 2 and min(made.values()) > 1
 
-    cut = command(data, tmp_path / "cut", "--seeds", "2", "--jobs", "2")
+    cut = command(data, tmp_path / "cut", "--seeds", "2", "--jobs", "2", "--budget", "4000it")
     done = killed(cut, going, number=signal.SIGTERM)
     assert done.returncode == 128 + signal.SIGTERM, done.stdout
     assert [read_result(file).status for file in (tmp_path / "cut").rglob("result.json")] == ["interrupted"] * 2

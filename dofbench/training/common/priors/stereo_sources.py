@@ -15,7 +15,7 @@ CANDIDATES = (
     64  # views that share most points with one, or without any the nearest: among these the best are looked for
 )
 SPREAD = 1024  # points over the whole scene, by which views without common points are compared
-CLOUD = 4096  # points of a cloud without tracks that count: each is seen by all views that it lies before
+CLOUD = 16_384  # points of a cloud without tracks that count: each is seen by all views that it lies before
 _UNSEEN = 1e-3  # of a suitable angle, for a view without common points: it comes after all others
 
 
