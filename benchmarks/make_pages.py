@@ -103,6 +103,15 @@ def shown(rows: Sequence[Row], column: str, digits: int = 2, spread: bool = Fals
     return f"{mean} ± {fixed(of_column(statistics.stdev, filled, column), digits)}"
 
 
+def exponent(rows: Sequence[Row], column: str, by: str, least: float = 0.0) -> float | str:
+    """The slope of log `column` over log `by`, by least squares, over the rows whose `by` is at least `least`; – where
+    a cell isn't above zero."""
+    points = [(float(row[by]), float(row[column])) for row in rows if float(row[by]) >= least]
+    if len(points) < 2 or min(map(min, points)) <= 0:
+        return "–"
+    return statistics.linear_regression(*zip(*(map(math.log, point) for point in points), strict=True)).slope
+
+
 def ranked(rows: Sequence[Row], name: str, column: str) -> list[Cell]:
     """The different cells of one column, by the mean of another, largest first; without those that have none."""
     filled = [row for row in rows if row[column] != ""]
@@ -132,7 +141,7 @@ def render(template: Path, root: Path) -> str:
     loader, folder = FileSystemLoader(template.parent), root / "reports" / template.parent.name
     environment = Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True)
     environment.globals |= {"rows": partial(select, folder), "value": partial(only_cell, folder)}
-    environment.globals |= {"table": table, "ranked": ranked}
+    environment.globals |= {"table": table, "ranked": ranked, "exponent": exponent}
     for summary in (statistics.mean, statistics.median, statistics.stdev):
         environment.globals[summary.__name__] = partial(of_column, summary)
     environment.filters |= {

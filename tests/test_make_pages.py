@@ -46,6 +46,8 @@ def make(tree: Path, template: str, *words: str, name: str = "page") -> int:
             "{{ ranked(rows('a.csv'), 'scene', 'psnr')|join }} {{ ranked(rows('a.csv'), 'method', 'psnr')|join }}",
             "fern 3dgsnerf",
         ),
+        ("{{ exponent([{'n': 1, 's': 9}, {'n': 10, 's': 2}, {'n': 100, 's': 200}], 's', 'n', 5)|fixed(1) }}", "2.0"),
+        ("{{ exponent([{'n': 10, 's': 0}, {'n': 100, 's': 1}], 's', 'n') }}", "–"),
         (
             "{{ rows('a.csv', scene=['fern', 'fox'])|length }} {{ 0.5|percent }} {{ 195957|thousands }}",
             "4 50 % 195 957",

@@ -53,8 +53,9 @@ class Slurm:
     """An `Executor`: each job is one of Slurm's, with the memory, time and GPU that it needs.
 
     folder: of records, logs and answers, on a disk that all nodes have. parameters: of sbatch, by submitit's names
-    (partition, account, qos, cpus_per_task, ...); those given here win over what the jobs need. When the call is
-    interrupted, the jobs go on. Raises InputError where no job can be submitted from, and for an unknown parameter.
+    (partition, account, qos, cpus_per_task, ...); those given here win over what the jobs need. At most
+    `array_parallelism` jobs (1000) are in Slurm's hands at a time. When the call is interrupted, the jobs go on. Raises
+    InputError where no job can be submitted from, and for an unknown parameter.
     """
 
     def __init__(self, folder: Path, parameters: Mapping[str, Any]):
@@ -88,6 +89,8 @@ class Slurm:
         while waiting or queued:
             ready = [job for job in waiting if job.after is None or job.after in outcomes]
             for job in ready:
+                if len(queued) >= self.at_a_time:
+                    break
                 if (message := job.done()) and job.name not in queued:
                     waiting.remove(job)
                     ended(job, Outcome(job.name, message))
@@ -120,6 +123,10 @@ class Slurm:
     ) -> Outcome | _Submitted | str | None:
         """What became of a job: its outcome, "again" where it met another process, its successor where it died; None
         while it goes on."""
+        if states is not None and states.get(one.number) == "PENDING":
+            one.missing = None
+            self._show(one, "PENDING", watcher)
+            return None
         answer = self._answer(one)
         if answer is not None:
             kind, text = answer
