@@ -11,12 +11,14 @@ Exponents are on the page: the slope of log cost over log views, by least square
 from __future__ import annotations
 
 import argparse
+import csv
 import resource
 import statistics
 import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -38,6 +40,7 @@ CLOUD = 20_000  # points of a cloud without tracks
 WIDTH, HEIGHT = 96, 72
 REPEATS, ENOUGH = 3, 2.0  # at most so often, and not again after so many seconds
 Row = dict[str, Any]
+Case = tuple[str, str, int]
 
 
 def scene(count: int, kind: str) -> TrainingSet:
@@ -122,20 +125,30 @@ def measure(part: str, kind: str, views: int) -> Row:
     }
 
 
+def kept(file: Path) -> dict[Case, Row]:
+    """The rows that the file has, by case."""
+    if not file.is_file():
+        return {}
+    with file.open(encoding="utf-8", newline="") as stream:
+        return {(row["part"], row["scene"], int(row["views"])): row for row in csv.DictReader(stream)}
+
+
 def main() -> None:
-    """Measure and write the CSVs."""
+    """Measure, and write the CSV after every case; rows of other cases stay."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, required=True, help="folder of the CSVs")
+    parser.add_argument("--out", type=Path, required=True, help="folder of growth.csv")
     parser.add_argument("--only", nargs="*", default=list(PARTS), choices=list(PARTS))
+    parser.add_argument("--missing", action="store_true", help="leave out cases that the file has")
     asked = parser.parse_args()
-    rows: list[Row] = []
-    for part in asked.only:
-        for kind in ("row", "round", "cloud"):
-            for views in VIEWS:
-                with ProcessPoolExecutor(1, get_context("spawn")) as pool:
-                    rows.append(pool.submit(measure, part, kind, views).result())
-                print(rows[-1], flush=True)
-    write_csv(asked.out / "growth.csv", tuple(rows[0]), rows)
+    file = asked.out / "growth.csv"
+    rows, order = kept(file), list(product(PARTS, ("row", "round", "cloud"), VIEWS))
+    for case in order:
+        if case[0] not in asked.only or (asked.missing and case in rows):
+            continue
+        with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+            rows[case] = pool.submit(measure, *case).result()
+        print(rows[case], flush=True)
+        write_csv(file, tuple(rows[case]), [rows[one] for one in order if one in rows])
 
 
 if __name__ == "__main__":
