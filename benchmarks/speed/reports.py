@@ -31,7 +31,7 @@ import tyro
 from dofbench.core.digests import write_with_digest
 from dofbench.core.files import write_csv
 from dofbench.evaluation.results.result import RESULT_FILE, Spec
-from tests.chromium import browser
+from tests.chromium import opened_in
 
 COLUMNS = "shape results wall_s processor_s peak_mib files page_mb largest opened_ms slowest markdown_mb csv_mb".split()
 ROWS, SEEDS = 16, 5  # of the shape "scenes"
@@ -101,18 +101,6 @@ def report(results: Path, out: Path) -> dict[str, float]:
     return {"wall_s": wall, "processor_s": processor, "peak_mib": used.ru_maxrss / 1024}
 
 
-def opened(page: Path) -> float:
-    """Milliseconds until the page is loaded; the best of three."""
-    times = []
-    for _ in range(3):
-        with browser() as chromium:
-            chromium.size(1280, 900)
-            chromium.open(page)
-            chromium.wait("performance.timing.loadEventEnd > 0")
-            times.append(chromium.run("performance.getEntriesByType('navigation')[0].loadEventEnd"))
-    return min(times)
-
-
 def largest(values: Mapping[Path, float]) -> tuple[float, Path]:
     """The largest value and whose it is."""
     return max((value, page) for page, value in values.items())
@@ -128,7 +116,7 @@ def measure(settings: Settings, count: int) -> dict[str, Any]:
     size = {file: file.stat().st_size / 1e6 for file in out.rglob("*") if file.is_file()}
     scenes = sorted((out / "scenes").iterdir())[:1] if (out / "scenes").is_dir() else []
     page, its = largest({file: own for file, own in size.items() if file.suffix == ".html"})
-    slow, whose = largest({page: opened(page) for place in (out, *scenes) for page in place.glob("*.html")})
+    slow, whose = largest({page: opened_in(page) for place in (out, *scenes) for page in place.glob("*.html")})
     return row | {
         "files": len(size),
         "page_mb": page,

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from chromium import browser
+from chromium import opened_in
 from relisted import edit_json, write_again
 
 from dofbench.core.files import sha256_file
@@ -74,16 +74,3 @@ def test_pages_of_a_thousand_results_are_small_and_open_at_once(
     assert f"{SCENES * VARIANTS * SEEDS} runs" in (out / "report.html").read_text()
     for page in (*out.glob("*.html"), *(out / "scenes" / "scene00").glob("*.html")):
         assert opened_in(page) < LONGEST, page.name
-
-
-def opened_in(page: Path) -> float:
-    """Milliseconds until a page is loaded, its visible pictures too; the best of three, as other work takes time."""
-    times = []
-    for _ in range(3):
-        with browser() as chromium:
-            chromium.size(1280, 900)
-            chromium.open(page)
-            chromium.wait("performance.timing.loadEventEnd > 0")
-            times.append(chromium.run("performance.getEntriesByType('navigation')[0].loadEventEnd"))
-            assert chromium.errors == []
-    return min(times)
