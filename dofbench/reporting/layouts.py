@@ -107,7 +107,7 @@ def layout_sections(boards: Sequence[Board], *, by_scene: bool = True) -> tuple[
     sections = []
     for layout in LAYOUTS:
         for kind, members in grouped([board for board in boards if board.sharp is layout.sharp], "kind").items():
-            if any(_has(members, variant, column) for variant in _variants(members) for column in layout.columns):
+            if _shows(layout, members):
                 sections.append(_section(layout, kind, members, by_scene))
     return (*sections, *(_time_section(kind, members) for kind, members in grouped(boards, "kind").items()))
 
@@ -280,10 +280,14 @@ def _absent(lines: Sequence[Line], shown: Sequence[str]) -> tuple[str, ...]:
     return (f"No row, as they have none of these scores: {'; '.join(reasons)}.",) if reasons else ()
 
 
-def _has(boards: Sequence[Board], variant: Variant, column: str) -> bool:
-    """Whether a method has a score, or a failure instead of one, on any board."""
-    found = [board.lines[variant].cells[column] for board in boards if variant in board.lines]
-    return any(cell.value is not None or cell.failure for cell in found)
+def _shows(layout: Layout, boards: Sequence[Board]) -> bool:
+    """Whether any row has a score for it. Failures show where nothing else does: a failed run lacks scores of every
+    layout, also of those that its dataset isn't for."""
+    cells = [line.cells for board in boards for line in board.lines.values()]
+    if any(own[column].value is not None for own in cells for column in layout.columns):
+        return True
+    scored = any(own[column].value is not None for own in cells for one in LAYOUTS for column in one.columns)
+    return not scored and any(own[column].failure for own in cells for column in layout.columns)
 
 
 def _paper_note(figures: Figures, where: str) -> tuple[str]:

@@ -242,6 +242,13 @@ def test_a_method_without_any_score_of_a_table_is_told_below_it(boards: list, mo
     assert any("pinhole" in cell for row in table.rows for cell, _ in row)
 
 
+def test_a_failed_run_adds_no_table_of_what_its_dataset_is_not_for(boards: list) -> None:
+    known = [board for board in boards if board.name == "waves" and not board.sharp]
+    titles = {one.id: one.title for one in layouts.LAYOUTS}
+    shown = {section.title.removesuffix(f", {known[0].kind}") for section in layouts.layout_sections(known)}
+    assert {titles["synthetic"], titles["main"]} <= shown and not {titles["photographs"], titles["across"]} & shown
+
+
 # ---- ablations ----
 
 
