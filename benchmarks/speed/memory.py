@@ -32,27 +32,16 @@ import tyro  # noqa: E402
 from dofbench.core.budget import Budget  # noqa: E402
 from dofbench.core.cameras import Camera  # noqa: E402
 from dofbench.core.contracts import PointCloud  # noqa: E402
-from dofbench.core.files import replacing, sha256_file, sha256_text, write_csv, write_json  # noqa: E402
-from dofbench.datasets.format import layout  # noqa: E402
+from dofbench.core.files import replacing, write_csv  # noqa: E402
+from dofbench.core.progress import Silent  # noqa: E402
 from dofbench.datasets.format.dataset import Dataset  # noqa: E402
-from dofbench.datasets.format.schema import (  # noqa: E402
-    LENS_FILE,
-    MANIFEST,
-    SCHEMA,
-    SOME_UNKNOWN,
-    FileRecord,
-    Manifest,
-    SourceImage,
-    SourceRecord,
-    UnknownLens,
-    UnknownLensFile,
-    as_json,
-)
+from dofbench.datasets.synthesis import make_dataset  # noqa: E402
+from dofbench.datasets.synthesis.dataset_options import MakeDataset  # noqa: E402
 from dofbench.evaluation.results.provenance import peak_memory_mb, reset_peak_memory  # noqa: E402
 from dofbench.evaluation.results.run_spec import parse_overrides  # noqa: E402
 from dofbench.methods.cards import find_method  # noqa: E402
 from dofbench.runtime.freed_memory import keep_freed_memory  # noqa: E402
-from dofbench.scenes import export  # noqa: E402
+from dofbench.scenes.export import write_colmap  # noqa: E402
 
 FIELDS = (
     "method",
@@ -107,40 +96,18 @@ def camera_of(index: int, count: int, width: int) -> Camera:
 
 def generated(folder: Path, count: int, width: int) -> Path:
     """A dataset of `count` training views and one test view, with sparse points; made unless it is there."""
-    if (folder / MANIFEST).is_file():
-        return folder
-    names = [f"v{index:04d}" for index in range(count + 1)]
-    splits = ["train"] * count + ["test"]
+    scene = folder.with_name(f"{folder.name}-scene")
     cameras = [camera_of(index, count + 1, width) for index in range(count + 1)]
+    names = [f"v{index:04d}.png" for index in range(count + 1)]
     random = np.random.default_rng(0)
     textures = [_texture(random) for _ in range(2)]
+    (scene / "images").mkdir(parents=True, exist_ok=True)
     for name, camera in zip(names, cameras, strict=True):
-        if not layout.shallow_path(folder, name).is_file():
-            _write(layout.shallow_path(folder, name), _photograph(camera, textures))
-    files = [layout.relative(layout.shallow_path, name) for name in names]
-    export.write_colmap(folder, [Path(file).name for file in files], cameras, _points(cameras, textures, random))
-    export.write_transforms(folder / layout.TRANSFORMS, files, cameras, splits=splits)
-    records = (UnknownLens(name=name, split=split, lens="unknown") for name, split in zip(names, splits, strict=True))
-    write_json(folder / LENS_FILE, as_json(UnknownLensFile(disparity_range=None, views=tuple(records))))
-    found = sorted(file for file in folder.rglob("*") if file.is_file())
-    images = (SourceImage(view=name, sha256=sha256_text(name), photograph="shallow") for name in names)
-    record = Manifest(
-        schema=SCHEMA,
-        version=SOME_UNKNOWN,
-        name="planes",
-        dofbench="0",
-        command="none",
-        identity=sha256_text(f"{count} {width}"),
-        seed=0,
-        settings={},
-        source=SourceRecord(scene="planes", layout="none", geometry=sha256_text("planes"), images=tuple(images)),
-        files={
-            file.relative_to(folder).as_posix(): FileRecord(sha256=sha256_file(file), size=file.stat().st_size)
-            for file in found
-        },
-    )
-    write_json(folder / MANIFEST, as_json(record))
-    return folder
+        if not (scene / "images" / name).is_file():
+            _write(scene / "images" / name, _photograph(camera, textures))
+    write_colmap(scene, names, cameras, _points(cameras, textures, random))
+    (scene / "test.txt").write_text(names[-1])
+    return make_dataset(MakeDataset(scene=str(scene), photographs="shallow", out=folder), progress=Silent())
 
 
 def _write(path: Path, image: np.ndarray) -> None:
