@@ -99,10 +99,11 @@ class TrainingObserver:
             self._add_point(step)
         with self._clock.paused():
             self._show(step, loss, seconds)
-            if self._snapshots is not None and self._snapshots.due():
-                self._snapshots.save(step)
             if self._checkpoints is not None and not self._stopped and self._checkpoints.due():
                 self._checkpoints.save(step, self.state())
+            # After the checkpoints: who sees the first snapshot may interrupt and resume.
+            if self._snapshots is not None and self._snapshots.due():
+                self._snapshots.save(step)
         return not self._stopped
 
     def state(self) -> dict[str, Any]:

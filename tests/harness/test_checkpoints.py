@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -109,13 +108,12 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def command(data: Path, out: Path, *more: object) -> list[str]:
-    budget = ("--budget", "1500it") if "--budget" not in more else ()
-    return dofbench("run", "--method", "3dgs", *budget, "--data", data, "--out", out, "--watch", *more)
+    return dofbench("run", "--method", "3dgs", "--budget", "1500it", "--data", data, "--out", out, "--watch", *more)
 
 
 def test_what_sigterm_cuts_off_ends_as_if_it_had_not(data: Path, tmp_path: Path) -> None:
     def going() -> bool:
-        return len(list((tmp_path / "cut").glob("*/*/snapshots/0*"))) > 1  # the first may come before step 1
+        return any((tmp_path / "cut").glob("*/*/snapshots/0*"))
 
     cut = command(data, tmp_path / "cut")
     done = killed(cut, going, number=signal.SIGTERM)
@@ -139,10 +137,9 @@ def test_what_sigterm_cuts_off_ends_as_if_it_had_not(data: Path, tmp_path: Path)
 @pytest.mark.slow
 def test_so_it_is_in_a_worker(data: Path, tmp_path: Path) -> None:
     def going() -> bool:
-        made = Counter(path.parent for path in (tmp_path / "cut").glob("*/*/snapshots/0*"))
-        return len(made) == 2 and min(made.values()) > 1
+        return len({path.parent for path in (tmp_path / "cut").glob("*/*/snapshots/0*")}) == 2
 
-    cut = command(data, tmp_path / "cut", "--seeds", "2", "--jobs", "2", "--budget", "4000it")
+    cut = command(data, tmp_path / "cut", "--seeds", "2", "--jobs", "2")
     done = killed(cut, going, number=signal.SIGTERM)
     assert done.returncode == 128 + signal.SIGTERM, done.stdout
     assert [read_result(file).status for file in (tmp_path / "cut").rglob("result.json")] == ["interrupted"] * 2

@@ -209,13 +209,13 @@ def test_the_manifest_follows_from_the_files_whatever_the_last_digits_in_memory(
         monkeypatch.setattr(source, "estimate", estimated, raising=False)
         return source
 
-    def measured_otherwise(names, cameras, depth_of, points, disparity_range, progress=None):
+    def measured_otherwise(names, cameras, depth_of, points, disparity_range, *others, **options):
         turned = [
             replace(camera, world_to_camera=camera.world_to_camera * (1 + 1e-12 * random.uniform(-1, 1, (4, 4))))
             for camera in cameras
         ]
         return consistencies(
-            names, turned, lambda index: elsewhere(depth_of(index), 4), points, disparity_range, progress
+            names, turned, lambda index: elsewhere(depth_of(index), 4), points, disparity_range, *others, **options
         )
 
     monkeypatch.setattr(depth_sources, "open_source", rounded_otherwise)
