@@ -17,7 +17,7 @@ from dofbench.core.content import FOLDERS
 
 LARGEST_WHEEL = 8_000_000  # bytes; the built-in scene takes 4.6 million, the built-in depth network 1.8 million
 
-pytestmark = pytest.mark.slow  # builds a wheel, then compiles every kernel anew: minutes
+pytestmark = pytest.mark.slow  # builds a wheel, then compiles kernels anew: minutes
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def test_the_whole_flow_works_outside_the_checkout(installation: Path, tmp_path:
     assert "tabletop" in called(dofbench, "scenes", cwd=tmp_path)
     called(dofbench, "make-dataset", "--width", "96", "--out", "data/small", cwd=tmp_path)
     called(dofbench, "check", "data/small", cwd=tmp_path)
-    run = ["run", "--method", "dofgaussian", "--data", "data/small", "--budget", "20it", "--out", "results"]
+    run = ["run", "--method", "3dgs", "--data", "data/small", "--budget", "5it", "--out", "results"]
     called(dofbench, *run, cwd=tmp_path)
     called(dofbench, "check", "results", cwd=tmp_path)
     called(dofbench, "report", "results", "--out", "reports", cwd=tmp_path)

@@ -94,9 +94,9 @@ def test_a_scene_that_does_not_stand_determines_nothing():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("start", [0.25, 1.0, 4.0])
+@pytest.mark.parametrize("start", [0.25, 4.0])
 def test_the_twin_comes_back_from_any_start(start):
-    """Photographs of known lenses, without any other error: a start at the truth, and a factor of four from it."""
+    """Photographs of known lenses, without any other error: starts a factor of four from the truth."""
     trainer = trained((APERTURE,), 240, lens_init_aperture=start * APERTURE)
     decision = next(one for one in trainer.decisions if one.stage == "lens_measured")
     assert decision.runs, decision.reason
