@@ -6,7 +6,7 @@ set -e
 scenes=$1 out=$2
 dofbench make-dataset llff/fern llff/flower --data-root "$scenes" --width 504 --focus 0.2,0.5,0.8 --aperture 0.5,1.0 --out "$out/data"
 sed '1,5s/^method = "dofgaussian"/method = "lensselect"/' methods/dofgaussian/ablations.toml > "$out/ours.toml"
-for data in "$out/data/llff_fern" "$out/data/llff_fern,$out/data/llff_flower"; do
+for data in "$out/data/llff-fern" "$out/data/llff-fern,$out/data/llff-flower"; do
     for table in table3 table2 table4 table5; do
         dofbench ablate --data "$data" --table $table --seeds 1 --results "$out/runs" --out "$out/tables"
     done

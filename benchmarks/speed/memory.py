@@ -200,6 +200,12 @@ def measured(method_id: str, preset: str, overrides: Row, steps: int, folder: Pa
     return {**row, "first_mb": watched.first_mb, "peak_mb": peak_memory_mb()}
 
 
+def in_own_process(*arguments: Any) -> Row:
+    """`measured` in a new process."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(measured, *arguments).result()
+
+
 def main(settings: Settings) -> None:
     """Measure every method with every number of views."""
     kept, rows = _kept(settings.out / "memory.csv"), list[Row]()
@@ -210,8 +216,9 @@ def main(settings: Settings) -> None:
             folder = generated(settings.data / f"{count}-{settings.width}", count, settings.width)
             named = " ".join(settings.set)
             case = (method_id, settings.preset, named, count, settings.width, height, settings.steps)
-            with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-                found = pool.submit(measured, method_id, settings.preset, overrides, settings.steps, folder).result()
+            if before is None:  # compiling takes memory of its own
+                in_own_process(method_id, settings.preset, overrides, 2, folder)
+            found = in_own_process(method_id, settings.preset, overrides, settings.steps, folder)
             row: Row = {**dict(zip(CASE, case, strict=True)), **found}
             if before is not None:
                 pixels = (count - before["views"]) * settings.width * height

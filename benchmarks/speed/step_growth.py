@@ -1,4 +1,4 @@
-"""Time of a training step by the number of Gaussians, and of its parts: step-growth.csv.
+"""Time of a training step by the number of Gaussians and of pixels, and of its parts: step-growth.csv.
 
     python -m benchmarks.speed.step_growth --out reports/speed
 
@@ -45,6 +45,7 @@ PARTS = ("project", "tiles", "blend", "blend_backward", "project_backward", "ada
 FIELDS = (
     "method",
     "gaussians",
+    "megapixels",
     "threads",
     "wall_ms",
     "processor_ms",
@@ -67,12 +68,12 @@ class Settings:
 
     out: Path
     """Folder for step-growth.csv."""
-    gaussians: tuple[int, ...] = (10_000, 100_000, 1_000_000)
-    """Numbers of Gaussians."""
+    gaussians: tuple[int, ...] = (10_000, 100_000, 1_000_000, 3_000_000)
+    """Numbers of Gaussians, each in a view of the first width."""
+    widths: tuple[int, ...] = (504, 252, 1008, 2016, 4032)
+    """Widths of a view, pixels, each with the second number of Gaussians. Its height is three quarters."""
     methods: tuple[str, ...] = ("mipsplatting",)
     """Methods, with their default presets."""
-    width: int = 504
-    height: int = 378
     steps: int = 15
     """Steps whose medians are taken, after three others."""
     progress: float = 0.6
@@ -150,13 +151,13 @@ def floor(trainer: Trainer) -> float:
     return median(times)
 
 
-def row(method_id: str, n: int, settings: Settings) -> dict[str, object]:
-    """Measure a method with n Gaussians."""
+def row(method_id: str, n: int, width: int, settings: Settings) -> dict[str, object]:
+    """Measure a method with n Gaussians in a view of this width."""
     entry = find_method(method_id)
     _, options, _ = entry.preset("cpu")
     method = entry.create({**options, "max_gaussians": max(n, 1)}, 0, "cpu")
     assert isinstance(method, GaussianMethod)
-    trainer = Trainer(scene(n, settings.width, settings.height), method.options, 0)
+    trainer = Trainer(scene(n, width, width * 3 // 4), method.options, 0)
     vary(trainer)
     view = ScaledViews(trainer.views, 1, None, 0.0, 0, "cpu")[0]
     steps: list[dict[str, float]] = []
@@ -175,12 +176,11 @@ def row(method_id: str, n: int, settings: Settings) -> dict[str, object]:
             steps.append({"wall": wall, "processor": processor, **spent})
     found = {name: 1e3 * median(step.get(name, 0.0) for step in steps[3:]) for name in ("wall", "processor", *PARTS)}
     found["floor"] = 1e3 * floor(trainer)
-    print(
-        f"{method_id}, {n} Gaussians: " + ", ".join(f"{name} {value:.1f}" for name, value in found.items()), flush=True
-    )
+    print(method_id, n, width, ", ".join(f"{name} {value:.1f}" for name, value in found.items()), flush=True)
     return {
         "method": method_id,
         "gaussians": n,
+        "megapixels": width * (width * 3 // 4) / 1e6,
         "threads": torch.get_num_threads(),
         **{f"{name}_ms": value for name, value in found.items()},
     }
@@ -189,7 +189,9 @@ def row(method_id: str, n: int, settings: Settings) -> dict[str, object]:
 def main(settings: Settings) -> None:
     """Measure every method with each number of Gaussians."""
     keep_freed_memory()  # as a run does
-    rows = [row(method, n, settings) for method in settings.methods for n in settings.gaussians]
+    cases = [(n, settings.widths[0]) for n in settings.gaussians]
+    cases += [(settings.gaussians[1], width) for width in settings.widths[1:]]
+    rows = [row(method, n, width, settings) for method in settings.methods for n, width in cases]
     write_csv(settings.out / "step-growth.csv", FIELDS, rows)
 
 
