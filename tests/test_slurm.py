@@ -107,7 +107,8 @@ def test_runs_are_made_by_jobs_each_once(command, slurm: Cluster, tmp_path: Path
     done = called(command(4))
     assert done.returncode == 0, done.stdout + done.stderr
     assert statuses(tmp_path) == ["ok"] * 4 and set(counts(tmp_path, "trained").values()) == {1}
-    assert "4 of 4 runs ok" in done.stdout and slurm.jobs() == {}
+    assert "4 of 4 runs ok" in done.stdout
+    until(lambda: not slurm.jobs())  # the last one has answered, and may be ending
     assert not list((tmp_path / "results" / ".slurm" / "records").iterdir())
     again = called(command(5))
     assert again.returncode == 0 and "4 of them cached" in again.stdout and counts(tmp_path, "trained")["4"] == 1
@@ -130,6 +131,23 @@ def test_a_killed_client_leaves_its_jobs_and_the_next_one_finds_them(
     done = called(command(2))
     assert done.returncode == 0, done.stdout + done.stderr
     assert counts(tmp_path, "begun") == {"0": 1, "1": 1} and statuses(tmp_path) == ["ok"] * 2
+
+
+def test_what_ended_while_no_client_was_there_leaves_nothing(
+    command, slurm: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FAKE_TAKES", "15")
+    client = in_the_middle(command(2), tmp_path)
+    client.kill()
+    client.wait()
+    until(lambda: not slurm.jobs())
+    answers = list((tmp_path / "results" / ".slurm" / "jobs").glob("*.pkl"))
+    for answer in answers:  # as if a while had passed
+        os.utime(answer, (0, 0))
+    monkeypatch.setenv("FAKE_TAKES", "0")
+    done = called(command(3))
+    assert done.returncode == 0 and "2 of them cached" in done.stdout, done.stdout + done.stderr
+    assert answers and not [file for file in (tmp_path / "results" / ".slurm").rglob("*") if not file.is_dir()]
 
 
 def test_two_clients_at_once_make_each_run_once(command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

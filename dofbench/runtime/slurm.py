@@ -31,6 +31,7 @@ _UNKNOWN_MB, _UNKNOWN_S = 16_000.0, 4 * 3600.0
 TRIES = 3  # of a job that dies
 _POLL = 2.0  # s between two looks at the queue
 _UNLISTED = 15.0  # s that a new job may be unknown to the queue, or an answer under way on a network's disk
+_SEEN = 60.0  # s after which an answer is one that nobody waits for
 _SUBMITTING = 120.0  # s after which a record without a number is of a client that died
 _REPORTED_EVERY = 2.0  # s
 _LIMITS = 1000  # times that a job may be queued again
@@ -116,7 +117,18 @@ class Slurm:
                     ended(one.job, outcome)
             if waiting or queued:
                 time.sleep(_POLL)
+        self._tidy()
         return [outcomes[job.name] for job in jobs]
+
+    def _tidy(self) -> None:
+        """Remove what is left of jobs that ended while no command followed them: theirs are results now."""
+        for file in self._records.glob("*.json"):
+            with suppress(OSError, ValueError):
+                number = json.loads(file.read_text(encoding="utf-8") or "{}").get("number")
+                # A command that follows the job has seen its answer by then.
+                if number is not None and time.time() - self._paths(number).result_pickle.stat().st_mtime > _SEEN:
+                    self._answer(number)
+                    file.unlink(missing_ok=True)
 
     def _followed(
         self, one: _Submitted, states: Mapping[str, str] | None, watcher: Watcher
@@ -127,7 +139,7 @@ class Slurm:
             one.missing = None
             self._show(one, "PENDING", watcher)
             return None
-        answer = self._answer(one)
+        answer = self._answer(one.number)
         if answer is not None:
             kind, text = answer
             if kind == "busy":
@@ -187,14 +199,22 @@ class Slurm:
             return None
         try:
             self._submitit.update_parameters(**self._needs(job), **self._parameters)
-            number = self._submitit.submit(_OnNode(job.work, self._progress(job))).job_id
+            number = str(self._submitit.submit(_OnNode(job.work, self._progress(job))).job_id)
         except Exception as error:
             file.unlink(missing_ok=True)
             if type(error).__name__ == "FailedJobError" or isinstance(error, subprocess.CalledProcessError):
                 raise InputError("sbatch", " ".join(str(error).split())[-300:], "a job that it takes") from None
             raise
         write_json(file, {"number": number, "tries": tries, "name": job.name})
+        self._unlink_script(number)
         return _Submitted(job, number, tries)
+
+    def _unlink_script(self, number: str) -> None:
+        """Remove submitit's second name of the job's script, which it leaves."""
+        for link in (self._folder / "jobs").glob(".submission_file_*"):
+            with suppress(OSError):
+                if link.samefile(self._paths(number).submission_file):
+                    link.unlink()
 
     def _needs(self, job: Job) -> dict[str, Any]:
         """Of sbatch, less what the user has said."""
@@ -221,14 +241,15 @@ class Slurm:
             return None
         return dict(line.split(maxsplit=1) for line in done.stdout.splitlines() if line.strip())
 
-    def _answer(self, one: _Submitted) -> tuple[str, str] | None:
-        file = self._paths(one).result_pickle
+    def _answer(self, number: str) -> tuple[str, str] | None:
+        """What the job answered, None where it hasn't; its files are removed unless a bug ended it."""
+        paths = self._paths(number)
+        file = paths.result_pickle
         try:
             how, content = pickle.loads(file.read_bytes())
         except (FileNotFoundError, EOFError, pickle.UnpicklingError):
             return None
         if how == "success":
-            paths = self._paths(one)
             for left in (paths.submission_file, paths.submitted_pickle, file, paths.stdout, paths.stderr):
                 left.unlink(missing_ok=True)
             return content
@@ -236,17 +257,18 @@ class Slurm:
 
     def _tail(self, one: _Submitted) -> str:
         """The last line of the job's log that says something."""
-        for log in (self._paths(one).stderr, self._paths(one).stdout):
+        paths = self._paths(one.number)
+        for log in (paths.stderr, paths.stdout):
             with suppress(OSError):
                 lines = [line.strip() for line in log.read_text(errors="replace").splitlines() if line.strip()]
                 if lines:
                     return f"{lines[-1]} ({log})"
-        return f"no word of it ({self._paths(one).stderr})"
+        return f"no word of it ({paths.stderr})"
 
-    def _paths(self, one: _Submitted) -> Any:
+    def _paths(self, number: str) -> Any:
         from submitit.core.utils import JobPaths
 
-        return JobPaths(self._folder / "jobs", job_id=one.number)
+        return JobPaths(self._folder / "jobs", job_id=number)
 
     def _record(self, job: Job) -> Path:
         return self._records / f"{sha256(job.name.encode()).hexdigest()[:20]}.json"
