@@ -47,7 +47,7 @@ class Settings:
     """Folder with results to copy, all of one dataset."""
     out: Path
     """Folder for reports-SHAPE.csv."""
-    counts: tuple[int, ...] = (10, 100, 500, 1000, 2500, 5000)
+    counts: tuple[int, ...] = (10, 100, 500, 1500, 5000)
     """Numbers of results."""
     shape: Literal["scenes", "rows"] = "scenes"
     """What there is more of where there are more results."""
