@@ -51,7 +51,7 @@ class LoadedRun:
         from dofbench.datasets.format.schema import MANIFEST
 
         spec = self.result.spec
-        if not (self.data / MANIFEST).exists():
+        if not (self.data / MANIFEST).is_file():
             expected = f"the dataset {spec.dataset} of this run; --data, or load_run's data, names another place"
             raise InputError(self.data, "no dataset there or near the result", expected)
         # Before it is read: a report asks for the dataset of every run.
