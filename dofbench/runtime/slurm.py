@@ -121,7 +121,8 @@ class Slurm:
         return [outcomes[job.name] for job in jobs]
 
     def _tidy(self) -> None:
-        """Remove what is left of jobs that ended while no command followed them: theirs are results now."""
+        """Remove what is left of jobs that ended while no command followed them: a good one has left its result, any
+        other one is submitted again when it is asked for."""
         for file in self._records.glob("*.json"):
             with suppress(OSError, ValueError):
                 number = json.loads(file.read_text(encoding="utf-8") or "{}").get("number")
