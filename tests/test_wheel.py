@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from dofbench.core.content import FOLDERS
+from dofbench.evaluation.results.result import Result, read_result
 
 LARGEST_WHEEL = 8_000_000  # bytes; the built-in scene takes 4.6 million, the built-in depth network 1.8 million
 
@@ -95,15 +96,31 @@ def test_content_is_found_in_the_installation(installation: Path, tmp_path: Path
     assert len(printed) > len(FOLDERS)
 
 
+def run(installation: Path, folder: Path, out: str) -> Result:
+    """A handful of steps on the dataset `small`, by a method that needs most of the kernels."""
+    words = ["run", "--method", "lensselect", "--data", "data/small", "--budget", "5it", "--out", out]
+    called(installation / "dofbench", *words, cwd=folder)
+    (file,) = (folder / out).rglob("result.json")
+    return read_result(file.parent)
+
+
 def test_the_whole_flow_works_outside_the_checkout(installation: Path, tmp_path: Path) -> None:
-    """Scene to dataset to result to report, on the built-in scene and for a handful of steps."""
+    """Scene to dataset to result to report, on the built-in scene. After warm-up no run compiles a kernel, and what is
+    loaded trains to the same bits as what was compiled there and then."""
     dofbench = installation / "dofbench"
     assert called(dofbench, "--version", cwd=tmp_path).startswith("dofbench ")
     assert "tabletop" in called(dofbench, "scenes", cwd=tmp_path)
     called(dofbench, "make-dataset", "--width", "96", "--out", "data/small", cwd=tmp_path)
     called(dofbench, "check", "data/small", cwd=tmp_path)
-    run = ["run", "--method", "3dgs", "--data", "data/small", "--budget", "5it", "--out", "results"]
-    called(dofbench, *run, cwd=tmp_path)
+    first = run(installation, tmp_path, "results")
     called(dofbench, "check", "results", cwd=tmp_path)
     called(dofbench, "report", "results", "--out", "reports", cwd=tmp_path)
     assert list((tmp_path / "reports").rglob("*.md"))
+    assert str(installation.parent) in called(dofbench, "warm-up", cwd=tmp_path)
+    again = run(installation, tmp_path, "again")
+    assert first.kernels_compiled > 0 and again.kernels_compiled == 0
+    assert first.model == again.model and len(first.model) > 0
+    other = ["run", "--method", "pdrf", "--data", "data/small", "--budget", "1it", "--out", "other"]
+    called(dofbench, *other, cwd=tmp_path)
+    (file,) = (tmp_path / "other").rglob("result.json")
+    assert read_result(file.parent).kernels_compiled == 0

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -160,31 +156,6 @@ def test_a_nan_in_a_gradient_is_caught_before_the_optimiser():
         trainer.gaussians.parameters["sh_dc"][7, 0] = float("nan")
     outcome = trainer.fit(Budget(steps=5), Recorder())
     assert outcome.status is Status.DIVERGED and outcome.steps == 1
-
-
-@pytest.mark.slow  # compiles every kernel of a training step anew
-def test_freshly_compiled_kernels_train_to_the_same_bits_as_cached_ones(tmp_path):
-    script = (
-        "import hashlib\n"
-        "from test_trainer import Budget, Recorder, Trainer, _options, _training_set\n"
-        "trainer = Trainer(_training_set(), _options(normal_from=0.0, blur_to_depth=True, normal_median=0.6), 0)\n"
-        "trainer.fit(Budget(steps=8), Recorder())\n"
-        "digest = hashlib.sha256(repr(trainer.lens_estimates()).encode())\n"
-        "for name, value in trainer.gaussians.parameters.items():\n"
-        "    digest.update(value.detach().numpy().tobytes())\n"
-        "from dofbench.runtime.ops.scatter.cpu_direct_backward import pack_gradient\n"
-        "print(digest.hexdigest(), sum(pack_gradient.stats.cache_misses.values()))\n"
-    )
-    paths = os.pathsep.join([str(Path(__file__).parent), str(Path(__file__).parents[1])])
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": paths}
-    command = [sys.executable, "-c", script]
-    found = [
-        subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.split()
-        for _ in range(2)
-    ]
-    assert list(tmp_path.rglob("*.nbc")) and len(found[0][0]) == 64
-    assert found[0][0] == found[1][0]
-    assert found[1][1] == "0"  # loaded, whichever process compiled it before
 
 
 def test_a_scene_in_other_units_is_learned_alike() -> None:
