@@ -3,8 +3,8 @@
     python -m benchmarks.boards.pooled RUNS lensselect reports/boards/scenes-pooled.csv
 
 RUNS has the results of the blocks in reports/boards/results, unpacked. A report compares runs of one version alone;
-here a method's runs on defocused photographs are taken together. A scene that lacks a method is left out. Test and
-interval are those of reports, p by Holm over the pairs.
+here a method's runs on defocused photographs are taken together. Methods that ran on fewer of the scenes than the one
+they are compared with are left out. Test and interval are those of reports, p by Holm over the pairs.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ def main() -> None:
     parser.add_argument("out", type=Path, help="CSV to write")
     asked = parser.parse_args()
     found = finished(asked.runs)
-    scenes = sorted(set.intersection(*map(set, found.values())))
-    methods = sorted(found.keys() - {asked.against})
+    scenes = sorted(found[asked.against])
+    methods = sorted(one for one, ran in found.items() if one != asked.against and ran.keys() >= set(scenes))
     rows: list[dict[str, Any]] = []
     for column in COLUMNS:
         pairs = [[([found[one][scene]], [found[asked.against][scene]]) for scene in scenes] for one in methods]
