@@ -120,7 +120,3 @@ def test_the_whole_flow_works_outside_the_checkout(installation: Path, tmp_path:
     again = run(installation, tmp_path, "again")
     assert first.kernels_compiled > 0 and again.kernels_compiled == 0
     assert first.model == again.model and len(first.model) > 0
-    other = ["run", "--method", "pdrf", "--data", "data/small", "--budget", "1it", "--out", "other"]
-    called(dofbench, *other, cwd=tmp_path)
-    (file,) = (tmp_path / "other").rglob("result.json")
-    assert read_result(file.parent).kernels_compiled == 0
