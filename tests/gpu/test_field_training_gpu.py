@@ -48,7 +48,6 @@ def trained(trainer: FieldTrainer, waits: list[str]) -> Steps:
 @pytest.mark.parametrize(
     ("kind", "overrides", "renderings"),
     [
-        (FieldMethod, {}, 1),
         (FieldMethod, {"colour_per_view": "affine"}, 1),
         (LensNeRF, {"lens_points": 2, "lens_activation": "ends", "lens_update": "dense"}, 1),
         (DoFNeRF, {"patch_side": 4, "patch_from": 0.0, "colour_per_view": "gain"}, 1),

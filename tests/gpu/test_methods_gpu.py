@@ -19,7 +19,7 @@ from dofbench.methods.cards import find_method, method_files
 
 METHODS = sorted(name for name in method_files() if "cuda" in find_method(name).card.devices)
 LENS = PhysicalLens(aperture=8.0, focus_disparity=1 / 6, width=12)
-STEPS = 3
+STEPS = 1  # test_training_gpu.py and test_field_training_gpu.py compare trainings step by step
 OF_FIELDS = {**TINY_FIELD, "lens_points": 2, "patch_side": 4}  # as far as a method has them
 
 

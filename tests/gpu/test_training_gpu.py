@@ -16,7 +16,7 @@ from dofbench.core.budget import Budget
 from dofbench.core.errors import Status
 from dofbench.training.gaussians.trainer import Trainer
 
-STEPS = 20
+STEPS = 12
 BAD = 0  # view whose turn isn't in the first step
 
 
@@ -28,9 +28,8 @@ POINTS_OF_LENS = "_to_copy in lens_pattern.py rings_for"
 
 
 def trainer_on(device: str, bad_view: int | None = None, seed: int = 0, **overrides: object) -> Trainer:
-    trainer = Trainer(
-        tiny_scene(bad_view), options(steps=STEPS, densify_every=5, **overrides), seed=seed, device=device
-    )
+    density = {"densify_every": 5, "densify_until": 0.9}
+    trainer = Trainer(tiny_scene(bad_view), options(steps=STEPS, **density, **overrides), seed=seed, device=device)
     with torch.no_grad():
         # How a sphere is turned has no effect, so rounding alone would decide where Adam turns it, and where density
         # control then puts its children.
