@@ -16,9 +16,7 @@ def plain_psnr(method: str, blur: str, steps: int) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "claim", [one for one in CLAIMS if one.tested], ids=lambda claim: f"{claim.method}, {claim.blur}"
-)
+@pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: f"{claim.method}, {claim.blur}")
 def test_it_beats_its_plain_version(claim: Claim) -> None:
     table = tabletop(claim.blur)
     found = sharp_psnr(trained(claim.method, table, claim.steps, 0, **claim.options), table)
