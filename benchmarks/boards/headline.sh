@@ -25,6 +25,9 @@
 # Changed once slow:attic had begun, before anything of chess, room, or the slow methods elsewhere had been seen:
 #   - chess, split as scenes are (quick:, fields:, slow:), comes before slow:glaze, quick:room and slow:room, as nothing of real
 #     pixels with exact truth was on the board yet.
+# Changed once BAGS on chess had been seen, before anything of the paper's tables, and of what comes after slow:chess:
+#   - llff.sh, fern's tables, comes right after slow:chess, and converge:attic after it: nothing stood beside the paper's
+#     tables yet and nothing had run to convergence, while slow:glaze and slow:street fill up a board that there is.
 # Not of the boards, and run when asked for: length:fern, on a tuning scene.
 # What a block has finished is kept: called again, it goes on.
 set -e
@@ -80,7 +83,7 @@ block() {
 }
 
 [ $# -gt 0 ] || set -- published:drinks peer:drinks shared:drinks quick:attic quick:glaze sharp:attic sharp:glaze \
-    quick:street slow:attic quick:chess fields:chess slow:chess slow:glaze slow:street quick:room slow:room \
-    converge:attic shared:attic quick:vases quick:moss converge:drinks shared:room quick:desk quick:firtree shared:glaze quick:spokes \
+    quick:street slow:attic quick:chess fields:chess slow:chess converge:attic slow:glaze slow:street quick:room slow:room \
+    shared:attic quick:vases quick:moss converge:drinks shared:room quick:desk quick:firtree shared:glaze quick:spokes \
     slow:vases slow:moss slow:desk slow:firtree slow:spokes fields:attic fields:glaze fields:room
 for one in "$@"; do block $one; done
