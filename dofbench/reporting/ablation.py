@@ -16,7 +16,7 @@ from dofbench.evaluation.comparing.paired import EXPLANATION
 from dofbench.evaluation.results.columns import COLUMNS
 from dofbench.evaluation.results.run_spec import option_words
 from dofbench.reporting.boards import Line, signs_of, united
-from dofbench.reporting.paper import of_scene, ssim_note
+from dofbench.reporting.paper import ssim_note
 from dofbench.reporting.sections import asked_sections, column_section, commit_text, machine_text
 from dofbench.reporting.tables import (
     Cell,
@@ -34,6 +34,7 @@ from dofbench.reporting.tables import (
 from dofbench.running.ablation_options import Ablate
 from dofbench.running.ablation_plan import Source
 from dofbench.running.ablation_scores import Filled
+from dofbench.running.ablation_tables import of_scene
 
 SCHEMA, VERSION = "dofbench.ablation", 2
 _WHAT = "a table that `dofbench ablate` wrote"

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any
 
 from dofbench.core.content import content_folder
 from dofbench.evaluation.results.protocol import AIF_PREFIX
-
-T = TypeVar("T")
+from dofbench.running.ablation_tables import of_scene
 
 _OF_THEIR_SSIM = (
     " The paper's SSIM has a uniform window of 7 pixels (by the script that its authors released), SSIM here a "
@@ -44,13 +42,6 @@ class Figures:
 
 # For a layout without a table in the paper.
 NOTHING_PRINTED = Figures("", "", (), {}, {})
-
-
-def of_scene(scenes: Mapping[str, dict[str, T]], scene: str) -> dict[str, T]:
-    """The entry of `scenes` for the scene that a dataset was made from: that of fern for llff_fern or llff/fern; empty
-    without one."""
-    words = set(re.split(r"[^a-z0-9]+", scene.lower()))
-    return next((found for name, found in scenes.items() if name.lower() in words), {})
 
 
 @cache

@@ -12,6 +12,7 @@ from dofbench.evaluation.comparing.paired import Compared, adjusted, compare
 from dofbench.evaluation.results.collecting import Entry
 from dofbench.evaluation.results.run_spec import option_words
 from dofbench.running.ablation_plan import TablePlan
+from dofbench.running.ablation_tables import of_scene
 from dofbench.running.ended_runs import Ended
 
 NOT_RUN = Statistic(None, failure="not run yet", reason="rerun the same command to resume")
@@ -112,9 +113,10 @@ def cell_rows(filled: Filled) -> Iterator[dict[str, object]]:
 
 
 def summary_rows(filled: Filled) -> Iterator[dict[str, object]]:
-    """One row per cell of the page; dataset "mean": over all datasets, with the paper's mean on its data, and the
-    difference from the reference row as on the page."""
+    """One row per cell of the page, with the paper's figure for that scene; dataset "mean": over all datasets, with the
+    paper's mean on its data, and the difference from the reference row as on the page."""
     declared, seeds = filled.plan.table, " ".join(map(str, filled.seeds))
+    scenes = {source.label: source.scene for source in filled.plan.sources}
     for column in declared.columns:
         found = filled.differences(column)
         for row in declared.rows:
@@ -124,8 +126,9 @@ def summary_rows(filled: Filled) -> Iterator[dict[str, object]]:
                 scores = cell.value, cell.spread, missing if cell.value is None else "ok"
                 values = (declared.id, row.label, dataset, seeds, column, *scores)
                 record: dict[str, object] = dict(zip(SUMMARY_COLUMNS, values, strict=False))
+                theirs = row.paper if dataset == "mean" else of_scene(row.paper_scenes, scenes[dataset])
+                record["paper"] = theirs.get(column)
                 if dataset == "mean":
-                    record["paper"] = row.paper.get(column)
                     compared = found.get(row.label)
                     if compared is not None and (one := compared.difference) is not None:
                         record |= {"difference": one.mean, "difference_sd": one.spread, "p": one.p, "pairs": one.pairs}

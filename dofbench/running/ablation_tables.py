@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -17,6 +19,7 @@ from dofbench.methods.cards import find_method
 # Id of the table whose rows are the variants that a method's presets were chosen among, as many for every method. It is
 # run on development scenes alone.
 TUNING = "tuning"
+T = TypeVar("T")
 
 
 class _Strict(BaseModel):
@@ -131,3 +134,10 @@ def chosen_tables(declaration: Declaration, ids: tuple[str, ...]) -> tuple[Table
         if one not in known:
             raise unknown("--table", one, known)
     return tuple(known[one] for one in ids) if ids else declaration.tables
+
+
+def of_scene(scenes: Mapping[str, dict[str, T]], scene: str) -> dict[str, T]:
+    """The entry of `scenes` for the scene that a dataset was made from: that of fern for llff_fern or llff/fern; empty
+    without one."""
+    words = set(re.split(r"[^a-z0-9]+", scene.lower()))
+    return next((found for name, found in scenes.items() if name.lower() in words), {})

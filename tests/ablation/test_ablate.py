@@ -177,6 +177,7 @@ def test_every_value_of_the_files_is_a_run_s(ablate, tmp_path: Path) -> None:
     summary = {(row["row"], row["dataset"], row["column"]): row for row in rows(out / "noise-summary.csv")}
     assert float(summary["pinhole", "waves", "aif_psnr"]["mean"]) == pytest.approx(sum(expected) / 2, rel=CSV_DIGITS)
     assert summary["some", "mean", "psnr"]["paper"] == "20.5" and summary["more", "mean", "psnr"]["paper"] == ""
+    assert summary["some", "waves", "psnr"]["paper"] == "21.5" and summary["pinhole", "waves", "psnr"]["paper"] == ""
 
 
 @pytest.mark.slow
