@@ -28,6 +28,9 @@
 # Changed once BAGS on chess had been seen, before anything of the paper's tables, and of what comes after slow:chess:
 #   - llff.sh, fern's tables, comes right after slow:chess, and converge:attic after it: nothing stood beside the paper's
 #     tables yet and nothing had run to convergence, while slow:glaze and slow:street fill up a board that there is.
+# Changed once fern's tables 2, 3 and 4 had been seen, before anything of what comes after them:
+#   - converge:attic comes right after fern's table 5, before LensSelect in tables 4 and 5 and before flower: nothing had run
+#     to convergence yet, and those tables' own method has been run.
 # Not of the boards, and run when asked for: length:fern, on a tuning scene.
 # What a block has finished is kept: called again, it goes on.
 set -e
