@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -35,6 +36,13 @@ MOST_WORKERS = 4  # each takes up to 2 GB of memory
 def pytest_xdist_auto_num_workers() -> int:
     """How many processes `pytest -n auto` starts: a container's CPU quota counts, which pytest-xdist doesn't know."""
     return min(available_cores(), MOST_WORKERS)
+
+
+@pytest.hookimpl(trylast=True)  # once `-m` has dropped what isn't run
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files with slow tests come first, so that no worker is left with one of them when the others have finished."""
+    slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+    items.sort(key=lambda item: -slow[item.path])  # stable: the tests of a file keep their order
 
 
 @pytest.fixture(autouse=True, scope="session")
