@@ -119,6 +119,20 @@ def ranked(rows: Sequence[Row], name: str, column: str) -> list[Cell]:
     return sorted(names, key=lambda key: -of_column(statistics.mean, where(filled, **{name: key}), column))
 
 
+def variants(rows: Sequence[Row]) -> list[Row]:
+    """The rows of a report; one whose options differ from its preset's is of a method of its own, with these options in
+    its name: its preset `short sh_degree=3, code 1a2b` becomes `short`."""
+    found = []
+    for row in rows:
+        cells = dict(row)
+        for of in ("", "against_"):
+            if f"{of}preset" in row:
+                cells[f"{of}preset"], *options = str(row[f"{of}preset"]).partition(", code ")[0].split()
+                cells[f"{of}method"] = " ".join([str(row[f"{of}method"]), *options])
+        found.append(cells)
+    return found
+
+
 def markdown_table(headings: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
     """A table whose columns of numbers are aligned right."""
     right = [all(SHOWN_NUMBER.fullmatch(row[k]) for row in cells) for k in range(len(headings))]
@@ -148,6 +162,7 @@ def render(template: Path, root: Path) -> str:
         "fixed": fixed,
         "where": where,
         "shown": shown,
+        "variants": variants,
         "signed": partial(fixed, sign="+"),
         "digits": lambda value, count=3: f"{value:.{count}g}",
         "percent": lambda value, digits=0: f"{fixed(100 * value, digits)} %",

@@ -15,6 +15,11 @@ nerf,fern,0,-0.001,
 nerf,fox,0,,
 """
 
+OPTIONS = """method,preset,against_method,against_preset
+dofgs,"short, code 1a2b",nerf,cpu-v2
+dofgs,"short sh_degree=3 a=0, code 1a2b",nerf,cpu-v2 b=1
+"""
+
 
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
@@ -22,6 +27,7 @@ def tree(tmp_path: Path) -> Path:
     for folder in ("benchmarks", "reports"):
         (tmp_path / folder / "lens").mkdir(parents=True)
     (tmp_path / "reports" / "lens" / "a.csv").write_text(CSV)
+    (tmp_path / "reports" / "lens" / "o.csv").write_text(OPTIONS)
     (tmp_path / "reports" / "lens" / "exact.csv").write_text("psnr\n40\ninf\n")
     return tmp_path
 
@@ -48,6 +54,10 @@ def make(tree: Path, template: str, *words: str, name: str = "page") -> int:
         ),
         ("{{ exponent([{'n': 1, 's': 9}, {'n': 10, 's': 2}, {'n': 100, 's': 200}], 's', 'n', 5)|fixed(1) }}", "2.0"),
         ("{{ exponent([{'n': 10, 's': 0}, {'n': 100, 's': 1}], 's', 'n') }}", "–"),
+        (
+            "{% for r in rows('o.csv')|variants %}{{ r.method }}/{{ r.preset }}>{{ r.against_method }} {% endfor %};",
+            "dofgs/short>nerf dofgs sh_degree=3 a=0/short>nerf b=1 ;",
+        ),
         (
             "{{ rows('a.csv', scene=['fern', 'fox'])|length }} {{ 0.5|percent }} {{ 195957|thousands }}",
             "4 50 % 195 957",

@@ -21,13 +21,14 @@ COLUMNS = ("aif_psnr", "psnr")
 
 
 def finished(runs: Path) -> dict[str, dict[str, Entry]]:
-    """Method -> scene -> its good run on defocused photographs."""
+    """Method, and options that aren't its preset's -> scene -> its good run on defocused photographs."""
     found: dict[str, dict[str, Entry]] = {}
     for one in collect(runs).entries:
         if one.status == "ok" and one.spec.protocol.startswith("refocus"):
-            scenes = found.setdefault(one.spec.method, {})
+            method = " ".join([one.spec.method, *(f"{name}={value}" for name, value in one.spec.overrides.items())])
+            scenes = found.setdefault(method, {})
             if one.scene in scenes:
-                raise SystemExit(f"{one.folder}: a second run of {one.spec.method} on {one.scene}")
+                raise SystemExit(f"{one.folder}: a second run of {method} on {one.scene}")
             scenes[one.scene] = one
     return found
 
