@@ -35,6 +35,7 @@
 #   - nodepth: on drinks, chess and the three rendered scenes come before the third length of converge:attic. DoF-Gaussian's
 #     rows have stereo for the paper's network, and fern's table 5 (a tuning scene) showed that it refocuses 1.1 dB better without
 #     any depth: its rows alone would do the paper's method less than justice. They stand beside them, whatever they show.
+#   - sharp:street, nine minutes, whenever no length of converge:attic fits into what is left of a day.
 # Not of the boards, and run when asked for: length:fern, on a tuning scene.
 # What a block has finished is kept: called again, it goes on.
 set -e
